@@ -35,7 +35,7 @@ PLAN_TEXT = (ROOT / "plans" / "paper.toml").read_text(encoding="utf-8")
 
 def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
     assert list_shipped("rigs") == ["curved", "paper"]
-    assert list_shipped("plans") == ["bent", "beyond", "current", "engine", "first", "paper", "short"]
+    assert list_shipped("plans") == ["bent", "beyond", "current", "engine", "first", "paper", "quick", "short"]
 
 
 @pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])

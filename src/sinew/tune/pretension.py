@@ -26,7 +26,7 @@ from sinew.predict.band import Draws, draw_rigs, drawn_branches, estimate_of_dev
 from sinew.predict.joint import joint_problem
 from sinew.solve.curves import Problem
 from sinew.tune.candidate import drive_load
-from sinew.tune.resonance import Resonance, Swing, find_resonances
+from sinew.tune.resonance import Follow, Resonance, Swing, coarse, find_resonances
 from sinew.twin.cache import configure
 
 # It is found between which frequencies a rig's pretension can move its resonance, and what ends it.
@@ -106,12 +106,12 @@ def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     return found
 
 
-def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position") -> Reachable:
+def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position", follow: Follow = coarse) -> Reachable:
     """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig."""
     low, high = rig.limits.pretension_mm
     low, high = max(0.0, low), min(high, rig.limits.tendon_travel_mm[1])
     grid = np.linspace(low, high, _GRID)
-    every = find_resonances(rig, grid.tolist(), swing, mode=mode)
+    every = find_resonances(rig, grid.tolist(), swing, mode=mode, follow=follow)
     found = tuple(one for one in every if one is not None)
     if len(found) < 2:
         nothing = "the torsion passes no 90° of lag behind the lever: it is damped too strongly to resonate"
@@ -333,19 +333,21 @@ def tune_pretension(
     draws: Draws | None = None,
     mode: TendonMode = "position",
     progress: Callable[[float, float], None] | None = None,
+    follow: Follow = coarse,
 ) -> Tuning:
     """Return the pretension for each wanted frequency [Hz].
 
     swing: how far the joint swings there. draws: of the rig, for intervals; with a yaw they are driven as the rig is.
-    progress: called with (done, total) draws. Raises SpecError where a frequency is not positive.
+    progress: called with (done, total) draws. follow: how curves are followed; `sketched` where somebody waits.
+    Raises SpecError where a frequency is not positive.
     """
     for hertz in wanted_hz:
         if not 0 < hertz < math.inf:
             raise SpecError(f"found a wanted resonance of {hertz:g} Hz, expected a positive frequency")
-    reachable = find_reachable(rig, swing, mode=mode)
+    reachable = find_reachable(rig, swing, mode=mode, follow=follow)
     guesses = [_guess(reachable, hertz) for hertz in wanted_hz]
     inside = [i for i, guess in enumerate(guesses) if guess is not None]
-    found = _refined(rig, reachable, [(wanted_hz[i], guesses[i] or 0.0) for i in inside], swing, mode)
+    found = _refined(rig, reachable, [(wanted_hz[i], guesses[i] or 0.0) for i in inside], swing, mode, follow)
     settings = [Setting(hertz, False, _why_not(reachable, hertz)) for hertz in wanted_hz]
     slope = reachable.curve().derivative() if len(reachable.resonances) > 1 else None
     for i, one in zip(inside, found, strict=True):
@@ -355,7 +357,7 @@ def tune_pretension(
         assert slope is not None
         settings[i] = _setting(rig, wanted_hz[i], one, float(slope(one.pretension_mm)), swing)
     if draws is not None:
-        settings = _with_intervals(rig, settings, draws, mode, progress)
+        settings = _with_intervals(rig, settings, draws, mode, progress, follow)
     remarks = () if draws is None else draws.remarks
     return Tuning(reachable, tuple(settings), remarks, rig.name, swing, mode)
 
@@ -375,7 +377,12 @@ def _guess(reachable: Reachable, hertz: float) -> float | None:
 
 
 def _refined(
-    rig: RigSpec, reachable: Reachable, asked: list[tuple[float, float]], swing: Swing, mode: TendonMode
+    rig: RigSpec,
+    reachable: Reachable,
+    asked: list[tuple[float, float]],
+    swing: Swing,
+    mode: TendonMode,
+    follow: Follow,
 ) -> list[Resonance | None]:
     """Return the resonance of each (wanted frequency [Hz], guess [mm]), by Newton's method with the curve's slope."""
     if not asked:
@@ -386,7 +393,8 @@ def _refined(
     known = [one.pretension_mm for one in reachable.resonances]
     commands = np.interp(where, known, [math.degrees(one.command) for one in reachable.resonances])
     for _ in range(_STEPS):
-        found = list(find_resonances(rig, where.tolist(), swing, mode=mode, commands_deg=commands.tolist()))
+        guess = commands.tolist()
+        found = list(find_resonances(rig, where.tolist(), swing, mode=mode, commands_deg=guess, follow=follow))
         now = np.array([math.nan if one is None else one.frequency_hz for one in found])
         off = now / wanted - 1
         if not np.any(np.abs(off) > _CLOSE):
@@ -429,6 +437,7 @@ def _with_intervals(
     draws: Draws,
     mode: TendonMode,
     progress: Callable[[float, float], None] | None,
+    follow: Follow,
 ) -> list[Setting]:
     """Return the settings with the intervals that the draws give."""
     there = [i for i, one in enumerate(settings) if one.resonance is not None]
@@ -442,7 +451,11 @@ def _with_intervals(
         commands = np.degrees([mark.command for mark in marks])
         return joint_problem(one, [mark.pretension_mm for mark in marks], commands, band, mode=mode)
 
-    own, *drawn = drawn_branches([rig, *draws.rigs], make, band, progress=progress)
+    rigs = [rig, *draws.rigs]
+    if follow is coarse:
+        own, *drawn = drawn_branches(rigs, make, band, progress=progress)
+    else:
+        own, *drawn = (follow(make(one), band) for one in rigs)
     told = list(settings)
     for column, i in enumerate(there):
         centre = own[column].phase_90

@@ -7,7 +7,7 @@ the servo gives way, and is told too. As the frequency depends on how far the jo
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -25,8 +25,10 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
+from sinew.predict.sketch import sketch
 from sinew.solve.branch import Branch
-from sinew.solve.curves import predict
+from sinew.solve.curves import Problem, predict
+from sinew.solve.examination import rows_of
 from sinew.solve.rest import torsional_stiffness
 from sinew.twin.simulate import lane_parameters
 
@@ -93,17 +95,35 @@ def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode =
     return _BELOW * float(low.min()), _ABOVE * float(high.max())
 
 
+Follow = Callable[[Problem, tuple[float, float]], Sequence[Branch]]
+"""What follows the curves of all lanes of a problem over a band [Hz]."""
+
+
+def coarse(problem: Problem, band_hz: tuple[float, float]) -> Sequence[Branch]:
+    """Return the curves with seven harmonics, which is right to 1e-4 of a frequency."""
+    return predict(problem, band_hz, COARSE).branches
+
+
+def sketched(problem: Problem, band_hz: tuple[float, float]) -> list[Branch]:
+    """Return the curves as sliders sketch them, one after the other: right to 5e-4 of a frequency, and a process that
+    has sketched one joint compiles nothing for it."""
+    lanes = range(len(problem.rest))
+    each = (problem._replace(lane=rows_of(problem.lane, np.array([i])), rest=problem.rest[[i]]) for i in lanes)
+    return [sketch(one, band_hz).branches[0] for one in each]
+
+
 def resonances_at(
     rig: RigSpec,
     pretension_mm: Array,
     command_deg: Array,
     band_hz: tuple[float, float],
     mode: TendonMode = "position",
+    follow: Follow = coarse,
 ) -> list[Resonance | None]:
     """Return the resonance of each lane, (k,): pretension [mm] and amplitude of the command [deg]; None where the
     torsion passes no 90° of lag in the band [Hz]."""
     problem = joint_problem(rig, pretension_mm, command_deg, band_hz, mode=mode)
-    branches = predict(problem, band_hz, COARSE).branches
+    branches = follow(problem, band_hz)
     torsion = np.array([0.0 if b.phase_90 is None else b.phase_90.amplitude for b in branches])
     loads = loads_of(problem, torsion)
     found: list[Resonance | None] = []
@@ -144,18 +164,20 @@ def find_resonances(
     mode: TendonMode = "position",
     band_hz: tuple[float, float] | None = None,
     commands_deg: Sequence[float] | None = None,
+    follow: Follow = coarse,
 ) -> tuple[Resonance | None, ...]:
     """Return the resonance at each pretension [mm]; None where the torsion passes no 90° of lag in the band.
 
     By harmonic balance with seven harmonics on the joint's equations; with nineteen it moves by less than 1e-4.
-    band_hz: where it is sought, else `linear_band`. commands_deg: first guesses of the command for a yaw, one each.
+    band_hz: where it is sought, else `linear_band`. follow: how its curves are followed.
+    commands_deg: first guesses of the command for a yaw, one each.
     With a yaw the command is changed by secants until the torsion is within 0.2 % of it, six times at most, and not
     beyond twice the rig's limit: a drive that cannot leaves a smaller torsion, which `Resonance.torsion` tells.
     """
     where = np.asarray(pretension_mm, dtype=float)
     band = band_hz or linear_band(rig, list(where), mode)
     if swing.command_deg is not None:
-        return tuple(resonances_at(rig, where, np.full(where.shape, swing.command_deg), band, mode))
+        return tuple(resonances_at(rig, where, np.full(where.shape, swing.command_deg), band, mode, follow))
     assert swing.yaw_deg is not None
     wanted = math.radians(swing.yaw_deg)
     commands = np.full(where.shape, _FIRST_COMMAND_DEG) if commands_deg is None else np.array(commands_deg, dtype=float)
@@ -163,7 +185,7 @@ def find_resonances(
     found: list[Resonance | None] = [None] * where.size
     left, before = np.arange(where.size), np.zeros((2, where.size))
     for _ in range(_ROUNDS):
-        for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode), strict=True):
+        for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode, follow), strict=True):
             found[i] = one
         lost = np.array([one is None for one in found])
         torsion = np.array([wanted if one is None else one.torsion for one in found])
