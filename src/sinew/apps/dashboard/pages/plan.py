@@ -4,6 +4,7 @@ import asyncio
 import html
 import json
 import math
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
@@ -12,7 +13,7 @@ from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, framed, heading
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import MOST_CHARACTERS
 
@@ -20,6 +21,7 @@ _TYPING_S = 0.4
 _ANSWER_S = 10.0
 _FIRST_PLAN, _QUICK_PLAN = "first", "quick"
 _ANEW = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
+_AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
 _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
 
@@ -65,7 +67,7 @@ class _Desk:
                     self._length = ui.label().props("id=sinew-duration")
                 self._choice = ui.element("div").classes("sinew-fields")
             with card("What the bench does, and when", 12):
-                self._timeline = ui.element("div").classes("sinew-stack")
+                self._timeline = ui.element("div").classes("sinew-stack sinew-timeline-place")
             with card("Plan", 6):
                 with ui.element("div").props("id=sinew-plan-text").classes("sinew-editor"):
                     self._text = ui.codemirror(language="TOML", indent="  ", on_change=self._edited)
@@ -81,7 +83,7 @@ class _Desk:
                     self._preview = ui.element("div").classes("sinew-stack")
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
-        with ui.dialog() as self._sure, ui.card():
+        with ui.dialog().props('aria-label="Delete the plan"') as self._sure, ui.card():
             self._question = ui.label()
             with ui.element("div").classes("sinew-row"):
                 _button("Delete", "sinew-plan-delete-sure", self._unshelve)
@@ -152,7 +154,7 @@ class _Desk:
         if is_changed:
             self._state.set_text(f"Changed: this browser keeps it, {where} is as it was.")
         else:
-            self._state.set_text(f"Saved: as {where}.")
+            self._state.set_text(f"{'Saved' if own else 'Unchanged'}: as {where}.")
         self._state.classes(replace="sinew-warn" if is_changed else "sinew-soft")
         self._delete.props(f"data-operator={'ready' if own else 'no'}")
         self._discard.props(remove="disabled") if is_changed else self._discard.props("disabled")
@@ -163,10 +165,10 @@ class _Desk:
         turn, toml = self._turn, self._text.value
         self._offer(None)
         await asyncio.sleep(_TYPING_S)
-        if turn != self._turn:
+        if self._is_past(turn):
             return
         outline = await self._tried("plan_outline", toml)
-        if turn != self._turn or outline is None:
+        if self._is_past(turn) or outline is None:
             return
         self._mark(toml, outline.get("faults", []))
         self._preview.clear()
@@ -183,9 +185,13 @@ class _Desk:
             found: dict[str, Any] | None = {"trouble": str(trouble)}
         else:
             found = await self._tried("preview_document", toml, rig)
-        if turn == self._turn and found is not None:
+        if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None)
+
+    def _is_past(self, turn: int) -> bool:
+        """Return whether something else was typed since, or the page was left."""
+        return turn != self._turn or self._text.is_deleted
 
     async def _tried(self, name: str, *arguments: Any) -> dict[str, Any] | None:
         try:
@@ -199,7 +205,7 @@ class _Desk:
         marks: list[dict[str, Any]] = []
         ends = [end for end, letter in enumerate(toml) if letter == "\n"] + [len(toml)]
         for number in sorted({fault["line"] for fault in faults if fault["line"]}):
-            said = "; ".join(fault["sentence"] for fault in faults if fault["line"] == number)
+            said = "; ".join(_AT_ITS_LINE.sub("", one["sentence"]) for one in faults if one["line"] == number)
             marks.append({"kind": "line", "line": number, "class": "sinew-fault-line"})
             place = ends[min(number, len(ends)) - 1]
             marks.append({"kind": "widget", "position": place, "text": said, "class": "sinew-fault"})
@@ -208,6 +214,9 @@ class _Desk:
 
     def _say_faults(self, outline: dict[str, Any]) -> None:
         self._length.set_text("")
+        self._timeline.clear()
+        with self._timeline:
+            empty("The timeline comes back when the plan can be read.")
         with ui.element("div").props("role=alert id=sinew-faults").classes("sinew-stack"):
             if "trouble" in outline:
                 ui.label(outline["trouble"]).classes("sinew-bad")
@@ -230,7 +239,8 @@ class _Desk:
             if "trouble" in found:
                 ui.label(found["trouble"]).props("role=alert").classes("sinew-bad")
                 return
-            minutes = "{} min {} s".format(*divmod(round(found["bench_s"]), 60))
+            whole = round(found["bench_s"])
+            minutes = "{} min {} s".format(*divmod(whole, 60)) if whole >= 60 else f"{whole} s"
             longer = found["longest_s"] - found["duration_s"]
             more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
             self._length.set_text(f"About {minutes}{more} with pull, pretensions and stop; {found['groups']} segments")

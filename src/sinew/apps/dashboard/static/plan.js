@@ -1,6 +1,6 @@
 // The editor of a plan: it has a name for screen readers, the colours of the page, and is left by the tabulator key, as
 // every other field.
-const THEMES = { dark: "githubDark", light: "githubLight" };
+const THEMES = { dark: "githubDark", light: "xcodeLight" };
 let editor = null;
 
 function colour() {
@@ -13,7 +13,7 @@ function find() {
   looking.disconnect();
   text.setAttribute("aria-label", "Plan as TOML");
   text.setAttribute("aria-describedby", "sinew-plan-state");
-  place.querySelector(".cm-scroller").tabIndex = -1;
+  text.tabIndex = 0;
   place.addEventListener("keydown", (event) => { if (event.key === "Tab") event.stopPropagation(); }, true);
   editor = window.getElement(Number(place.firstElementChild.id.slice(1)));
   colour();
