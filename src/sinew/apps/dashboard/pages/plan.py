@@ -75,9 +75,9 @@ class _Desk:
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name on the shelf", validation={"letters, digits and . _ -": _is_file_name})
                     self._name.props("outlined dense id=sinew-plan-name")
-                    self._save = _button("Save", "sinew-plan-save", self._keep, needs_operator=True)
-                    self._delete = _button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
-                    self._discard = _button("Discard changes", "sinew-plan-discard", self._take_shelved)
+                    self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
+                    self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
+                    self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
                     self._preview = ui.element("div").classes("sinew-stack")
@@ -86,16 +86,15 @@ class _Desk:
         with ui.dialog().props('aria-label="Delete the plan"') as self._sure, ui.card():
             self._question = ui.label()
             with ui.element("div").classes("sinew-row"):
-                _button("Delete", "sinew-plan-delete-sure", self._unshelve)
-                _button("Keep it", "sinew-plan-delete-not", self._sure.close)
+                plain_button("Delete", "sinew-plan-delete-sure", self._unshelve)
+                plain_button("Keep it", "sinew-plan-delete-not", self._sure.close)
 
     async def begin(self) -> None:
         """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
-        kept = await _kept()
+        self._drafts, chosen = _texts(await recall(_DRAFTS))
         shelves = await self._site.work.call("shelf", str(self._site.runs))
-        self._drafts = kept["drafts"]
-        if kept["plan"] in {row["name"] for row in shelves["plans"]}:
-            self._plan = kept["plan"]
+        if chosen in {row["name"] for row in shelves["plans"]}:
+            self._plan = chosen
         with self._choice:
             self._choose(shelves)
         await self._take(self._plan)
@@ -144,7 +143,7 @@ class _Desk:
             self._drafts[self._plan] = self._text.value
         while len(self._drafts) > _MOST_DRAFTS:
             del self._drafts[next(iter(self._drafts))]
-        _keep_in_browser({"plan": self._plan, "drafts": self._drafts})
+        remember(_DRAFTS, {"plan": self._plan, "drafts": self._drafts})
         self._tell_state()
         await self._check()
 
@@ -224,7 +223,9 @@ class _Desk:
             for fault in outline["faults"]:
                 with ui.element("div").classes("sinew-row"):
                     if fault["line"] is not None:
-                        _button(f"Line {fault['line']}", "", lambda line=fault["line"]: self._text.reveal_line(line))
+                        plain_button(
+                            f"Line {fault['line']}", "", lambda line=fault["line"]: self._text.reveal_line(line)
+                        )
                     ui.label(fault["sentence"]).classes("sinew-bad")
 
     def _draw_timeline(self, stages: Sequence[dict[str, Any]]) -> None:
@@ -328,7 +329,7 @@ class _Desk:
         await self._take(name)
 
 
-def _button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
+def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
     """Return a plain button; steering.js knows whether this page is the operator's."""
     made = ui.element("button").props(f"type=button {f'id={name}' if name else ''}").classes("sinew-button")
     if needs_operator:
@@ -362,20 +363,29 @@ def _plans_in_words(shelves: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     return {row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in plans}
 
 
-async def _kept() -> dict[str, Any]:
-    """Return what this browser keeps: `drafts` of plans, and the `plan` that was chosen last, or None."""
+def _texts(kept: Any) -> tuple[dict[str, str], str | None]:
+    """Return (drafts by plan, the plan that was chosen last) of what a browser keeps, whatever that is."""
     try:
-        told = await ui.run_javascript(f"return localStorage.getItem('{_DRAFTS}')", timeout=_ANSWER_S)
-        kept = json.loads(told)
-        drafts = {str(name): str(text) for name, text in kept["drafts"].items()}
-        return {"drafts": drafts, "plan": kept["plan"]}
-    except (TimeoutError, ValueError, TypeError, KeyError, AttributeError):  # none, or storage is off
-        return {"drafts": {}, "plan": None}
+        return {str(name): str(text) for name, text in kept["drafts"].items()}, str(kept["plan"])
+    except (TypeError, KeyError, AttributeError):
+        return {}, None
 
 
-def _keep_in_browser(kept: dict[str, Any]) -> None:
-    text = json.dumps(json.dumps(kept))
-    ui.run_javascript(f"try {{ localStorage.setItem('{_DRAFTS}', {text}); }} catch {{ /* storage is off */ }}")
+async def recall(name: str) -> Any:
+    """Return what `remember` had this browser keep; None where it keeps nothing."""
+    try:
+        told = await ui.run_javascript(
+            f"try {{ return localStorage.getItem('{name}') }} catch {{ return null }}", timeout=_ANSWER_S
+        )
+        return json.loads(told)
+    except (TimeoutError, ValueError, TypeError):
+        return None
+
+
+def remember(name: str, what: Any) -> None:
+    """Have this browser keep something for the next time, if its storage is on."""
+    text = json.dumps(json.dumps(what))
+    ui.run_javascript(f"try {{ localStorage.setItem('{name}', {text}); }} catch {{ /* storage is off */ }}")
 
 
 # The timeline of a plan: plain HTML of its stages, and the same as a table.
@@ -436,7 +446,7 @@ def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
         f'<ul class="sinew-timeline-legend">{legend}</ul>'
         f"<details><summary>The run as a table</summary>"
         f'<div class="sinew-scroll" tabindex="0" role="region" aria-label="The run as a table">'
-        f'<table class="sinew-table"><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></details>'
+        f'<table class="sinew-stages"><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></details>'
     )
 
 
