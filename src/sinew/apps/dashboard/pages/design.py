@@ -111,7 +111,9 @@ class _Sliders:
                     self._use.set_visibility(False)
                 self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
                 with ui.element("div").classes("sinew-row"):
-                    self._name = ui.input("Name of the rig", value="my joint").props("outlined dense id=sinew-rig-name")
+                    self._name = ui.input("Name of the rig", value="my joint").props(
+                        "outlined dense for=sinew-rig-name"
+                    )
                     plain_button("Save as rig", "sinew-rig-save", self._save, needs_operator=True)
                     plain_button("Download", "sinew-rig-download", self._download)
             with ui.element("div").classes("span-8 sinew-stack"):
@@ -137,7 +139,7 @@ class _Sliders:
             slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
             slider.props(f'id=sinew-slider-{key} aria-label="{called}" dense')
             number = ui.number(value=value, min=size.low, max=size.high, step=size.step, suffix=size.unit)
-            number.props(f'id=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
+            number.props(f'for=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
             reset = plain_button("Reset", f"sinew-reset-{key}", lambda: self._put({key: self._built[key]}))
             reset.props(f'disabled aria-label="Reset: {size.name}"')
         self._rows[key] = _Row(slider, number, reset)

@@ -74,7 +74,7 @@ class _Desk:
                 self._state = ui.label().props("id=sinew-plan-state role=status").classes("sinew-soft")
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name on the shelf", validation={"letters, digits and . _ -": _is_file_name})
-                    self._name.props("outlined dense id=sinew-plan-name")
+                    self._name.props("outlined dense for=sinew-plan-name")
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
                     self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)

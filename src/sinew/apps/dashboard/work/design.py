@@ -53,7 +53,7 @@ def design_curves(
     branch = prediction.branches[0]
     return {
         **curve_document(branch, math.radians(amplitude_deg)),
-        "damping": _damping(branch),
+        "damping": slope_damping(branch),
         "base": base.name,
         "rig": made.name,
         "pretension_mm": pretension_mm,
@@ -66,8 +66,12 @@ def design_curves(
     }
 
 
-def _damping(branch: "Branch") -> float | None:
-    """Return Lehr's damping of a curve by the slope of its lag at 90°; of a free oscillation, for a small drive."""
+def slope_damping(branch: "Branch") -> float | None:
+    """Return Lehr's damping of a curve by the slope of its lag at 90°; None where that is not passed.
+
+    An oscillator's lag has the slope dφ/df = 1/(D f) there. Where losses or stiffness change with the swing, so does
+    the slope, which is that of motions of a constant command.
+    """
     import numpy as np
 
     mark = branch.phase_90
