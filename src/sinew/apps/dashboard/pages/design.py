@@ -400,7 +400,7 @@ _HEADS = (
     "difference / %",
     "at / Hz",
     "damping D (slope of the lag)",
-    "",
+    "use it, or remove it",
 )
 
 

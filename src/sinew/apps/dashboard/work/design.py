@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
+_NEAR = 5  # points of a curve about its 90° of lag
 _WARM = ((0.0, 20.0), (6.0, 20.0))
 
 
@@ -77,11 +78,13 @@ def slope_damping(branch: "Branch") -> float | None:
     mark = branch.phase_90
     if mark is None:
         return None
-    near = np.argsort(np.abs(branch.phase - np.pi / 2))[:4]
-    if np.ptp(branch.frequency_hz[near]) == 0:
+    # The cotangent of an oscillator's lag is all but straight over frequency, and its slope there is that of the lag.
+    near = np.argsort(np.abs(branch.phase - np.pi / 2))[:_NEAR]
+    off = branch.frequency_hz[near] / mark.frequency_hz - 1
+    if np.ptp(off) == 0:
         return None
-    slope = np.polyfit(branch.frequency_hz[near] - mark.frequency_hz, branch.phase[near], min(2, near.size - 1))[-2]
-    return 1 / (mark.frequency_hz * float(slope)) if slope > 0 else None
+    slope = -np.polyfit(off, 1 / np.tan(branch.phase[near]), min(2, near.size - 1))[-2]
+    return 1 / float(slope) if slope > 0 else None
 
 
 sketch_curves = functools.partial(design_curves, fine=False)
