@@ -127,10 +127,10 @@ class _Sliders:
                     with self._notes:
                         empty("The equations are being compiled; that takes some seconds once.")
                     self._checks = ui.element("div").classes("sinew-stack")
-            with card("Joints side by side", 12):
-                self._table = (
-                    ui.element("div").classes("sinew-scroll").props('tabindex=0 role=region aria-label="Joints"')
-                )
+                with card("Joints side by side", 12):
+                    self._table = (
+                        ui.element("div").classes("sinew-scroll").props('tabindex=0 role=region aria-label="Joints"')
+                    )
 
     def _slider(self, key: str, size: _Size) -> None:
         value, called = self._now.values[key], f"{size.name} / {size.unit}"
@@ -193,7 +193,7 @@ class _Sliders:
     async def _change(self) -> None:
         """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
         self._turn += 1
-        turn = self._turn
+        turn, self._now.is_fine = self._turn, False
         await self._compute(turn, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
@@ -302,7 +302,8 @@ class _Sliders:
         with ui.element("tr"):
             _cell("th", joint.name, "scope=row")
             _cell("td", _different(joint.values, self._built))
-            for text in _numbers(joint.found if joint.is_fine else None, self._as_built.found):
+            built = None if joint is self._as_built else self._as_built.found
+            for text in _numbers(joint.found if joint.is_fine else None, built):
                 _cell("td", text)
             with ui.element("td"):
                 if joint in self._kept:
