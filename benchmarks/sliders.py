@@ -12,6 +12,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+import psutil
 
 from sinew.apps.dashboard.worker import Worker
 
@@ -41,12 +42,18 @@ def moves(count: int, seed: int) -> list[dict[str, float]]:
     return made
 
 
-async def measure(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Return (times [s] on the wall of each move, of its solver alone, of suggestions)."""
+def spent() -> float:
+    """Return what the workers' processes have spent of the processor [s]."""
+    return sum(sum(child.cpu_times()[:2]) for child in psutil.Process().children(recursive=True))
+
+
+async def measure(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, list[float], float]:
+    """Return (times [s] on the wall of each move, of its solver alone, of suggestions; processor's time of a move)."""
     worker, times, solver, suggestions = Worker(), [], [], []
     rig = ("length_mm", "outer_mm", "tendon_circle_mm", "lever_inertia_kg_m2")
     try:
         await worker.call("warm_up")
+        before = spent()
         for values in moves(count, seed):
             begin = time.perf_counter()
             changes = {name: values[name] for name in rig}
@@ -54,13 +61,14 @@ async def measure(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, list[f
             found = await worker.call("sketch_curves", *asked, key="sliders")
             times.append(time.perf_counter() - begin)
             solver.append(found["wall_s"])
+        each = (spent() - before) / count
         for hertz in (3.2, 3.6, 4.0):
             begin = time.perf_counter()
             await worker.call("suggest_pretension", "paper", {}, hertz, 20.0)
             suggestions.append(time.perf_counter() - begin)
     finally:
         worker.close()
-    return np.array(times), np.array(solver), suggestions
+    return np.array(times), np.array(solver), suggestions, each
 
 
 def main(arguments: Sequence[str] = ()) -> None:
@@ -70,9 +78,10 @@ def main(arguments: Sequence[str] = ()) -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args(arguments)
     before = os.getloadavg()[0]
-    times, solver, suggestions = asyncio.run(measure(asked.moves, asked.seed))
+    times, solver, suggestions, each = asyncio.run(measure(asked.moves, asked.seed))
     print(f"{'':32}{'median':>10}{'95 %':>10}{'longest':>10}")
     for name, row in (("from move to curve / ms", times), ("of that in the solver / ms", solver)):
         print(f"{name:32}" + "".join(f"{1e3 * q:10.0f}" for q in (*np.percentile(row, (50, 95)), row.max())))
+    print(f"processor's time of the worker for a move, mean: {1e3 * each:.0f} ms")
     print(f"suggestions of a pretension: at most {max(suggestions):.1f} s")
     print(f"load of the computer: {before:.1f} before, {os.getloadavg()[0]:.1f} after, {os.cpu_count()} cores")

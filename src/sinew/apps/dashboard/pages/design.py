@@ -94,6 +94,7 @@ class _Sliders:
         self._kept: list[_Joint] = []
         self._rows: dict[str, _Row] = {}
         self._best = 0.0
+        self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
 
     def lay_out(self) -> None:
@@ -352,8 +353,10 @@ class _Sliders:
         return f"{name.removesuffix('.toml')}.toml", text
 
     async def _save(self) -> None:
+        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
         if (made := await self._rig()) is not None:
-            await steer("shelve", {"shelf": "rigs", "name": made[0], "text": made[1]})
+            told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
+            self._replacing = made[0] if (await steer("shelve", told)).get("code") == 409 else None
 
     async def _download(self) -> None:
         if (made := await self._rig()) is not None:

@@ -306,7 +306,8 @@ class _Desk:
         told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
         answer = await steer("shelve", told)
         self._replacing = file if answer.get("code") == 409 else None
-        self._save.props(f'aria-label="{"Replace" if self._replacing else "Save"}"')
+        for text in self._save:
+            text.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
             self._drafts.pop(self._plan, None)
             await self._reload(file)
