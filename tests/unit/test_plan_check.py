@@ -181,4 +181,4 @@ def test_each_group_of_a_short_plan_is_a_stage_and_a_long_plans_are_taken_togeth
     assert [stage.frequency_hz for stage in stages_of(first) if stage.kind == "steady"] == [2.5, 3.2, 4.0] * 2
     told = [stage for stage in stages_of(paper) if stage.kind in records]
     assert len(told) == 3 * len(paper.pretension.pretension_mm)
-    assert sum(stage.count for stage in told) == len(paper.groups())
+    assert sum(stage.groups for stage in told) == len(paper.groups())

@@ -253,7 +253,7 @@ class Stage(NamedTuple):
     kind: pull to first contact; change of pretension, with levelling; rest for the sensors; settle before a record;
     steady, ring-down and tracking are records; calm until the joint is at rest before a decay; stop.
     start_s, duration_s: [s]. pretension_mm: None before the first is set. frequency_hz, amplitude_deg: None where the
-    drive has none; of tendons that drive, the amplitude is in mm and not told here. count: groups of the plan in it.
+    drive has none; of tendons that drive, the amplitude is in mm and not told here. groups: of the plan that are in it.
     """
 
     kind: StageKind
@@ -262,7 +262,7 @@ class Stage(NamedTuple):
     pretension_mm: float | None
     frequency_hz: float | None = None
     amplitude_deg: float | None = None
-    count: int = 1
+    groups: int = 1
 
 
 def stages_of(plan: Plan, most: int = 400) -> list[Stage]:
@@ -276,7 +276,8 @@ def stages_of(plan: Plan, most: int = 400) -> list[Stage]:
     def add(kind: StageKind, duration_s: float, mm: float | None, *drive: float) -> None:
         nonlocal now
         if duration_s > 0:
-            found.append(Stage(kind, now, duration_s, mm, *(None if math.isnan(one) else one for one in drive)))
+            hertz, deg = (None if math.isnan(one) else one for one in drive or (math.nan, math.nan))
+            found.append(Stage(kind, now, duration_s, mm, hertz, deg))
             now += duration_s
 
     at: float | None = None
@@ -311,7 +312,7 @@ def _together(stages: list[Stage]) -> list[Stage]:
         if made and (made[-1].kind, made[-1].pretension_mm) == (stage.kind, stage.pretension_mm):
             last = made[-1]
             whole = whole._replace(
-                start_s=last.start_s, duration_s=last.duration_s + whole.duration_s, count=last.count + 1
+                start_s=last.start_s, duration_s=last.duration_s + whole.duration_s, groups=last.groups + 1
             )
             made.pop()
         made.append(whole)

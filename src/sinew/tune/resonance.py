@@ -95,21 +95,21 @@ def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode =
     return _BELOW * float(low.min()), _ABOVE * float(high.max())
 
 
-Follow = Callable[[Problem, tuple[float, float]], Sequence[Branch]]
+Follow = Callable[[Problem, tuple[float, float]], tuple[Branch, ...]]
 """What follows the curves of all lanes of a problem over a band [Hz]."""
 
 
-def coarse(problem: Problem, band_hz: tuple[float, float]) -> Sequence[Branch]:
+def coarse(problem: Problem, band_hz: tuple[float, float]) -> tuple[Branch, ...]:
     """Return the curves with seven harmonics, which is right to 1e-4 of a frequency."""
     return predict(problem, band_hz, COARSE).branches
 
 
-def sketched(problem: Problem, band_hz: tuple[float, float]) -> list[Branch]:
+def sketched(problem: Problem, band_hz: tuple[float, float]) -> tuple[Branch, ...]:
     """Return the curves as sliders sketch them, one after the other: right to 5e-4 of a frequency, and a process that
     has sketched one joint compiles nothing for it."""
     lanes = range(len(problem.rest))
     each = (problem._replace(lane=rows_of(problem.lane, np.array([i])), rest=problem.rest[[i]]) for i in lanes)
-    return [sketch(one, band_hz).branches[0] for one in each]
+    return tuple(sketch(one, band_hz).branches[0] for one in each)
 
 
 def resonances_at(

@@ -93,7 +93,7 @@ class _Desk:
         """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
         self._drafts, chosen = _texts(await recall(_DRAFTS))
         shelves = await self._site.work.call("shelf", str(self._site.runs))
-        if chosen in {row["name"] for row in shelves["plans"]}:
+        if chosen is not None and chosen in {row["name"] for row in shelves["plans"]}:
             self._plan = chosen
         with self._choice:
             self._choose(shelves)
@@ -465,16 +465,16 @@ def _levels(stages: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _doing(one: dict[str, Any]) -> str:
-    return _DOES[one["kind"]] + (f", {one['count']} times" if one["count"] > 1 else "")
+    return _DOES[one["kind"]] + (f", {one['groups']} times" if one["groups"] > 1 else "")
 
 
 def _short(one: dict[str, Any]) -> str:
-    is_record = one["kind"] in ("steady", "ring-down") and one["count"] == 1
+    is_record = one["kind"] in ("steady", "ring-down") and one["groups"] == 1
     return f"{one['frequency_hz']:.3g} Hz" if is_record and one["frequency_hz"] is not None else ""
 
 
 def _told(one: dict[str, Any]) -> str:
-    drive = "" if one["frequency_hz"] is None or one["count"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
+    drive = "" if one["frequency_hz"] is None or one["groups"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
     held = "" if one["pretension_mm"] is None else f", {one['pretension_mm']:g} mm"
     return f"{_doing(one)}{drive}{held}: {_span(one)}".capitalize()
 
