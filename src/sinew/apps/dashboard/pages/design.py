@@ -165,6 +165,7 @@ class _Sliders:
                 self._pinned(values)
         for key in _SIZES:
             self._show_value(key)
+        self._tabulate()
         await self._change()
         self._site.work.warm_up()
         for joint in (self._as_built, *self._kept):
