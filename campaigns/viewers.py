@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 import websockets
 
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.measure.events import Health
 from sinew.measure.recording import Segment

@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.worker import Work
-from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from
