@@ -191,7 +191,7 @@ def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
 
 
 def test_a_name_that_nearly_matches_is_suggested() -> None:
-    shipped = "bent, beyond, current, engine, first, paper, short"
+    shipped = "bent, beyond, current, engine, first, paper, quick, short"
     with pytest.raises(SpecError, match=rf"no plan shrt: .*ships {shipped}; did you mean short\?"):
         load_plan("shrt")
 
