@@ -13,6 +13,7 @@ from benchmarks import (
     prediction,
     recording_speed,
     rod,
+    serve,
     sliders,
     solid_cylinder,
     sweep_fit,
@@ -35,6 +36,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "bent": lambda _: bent_speed.main(),
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
+    "serve": serve.main,
 }
 
 
