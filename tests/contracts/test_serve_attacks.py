@@ -272,6 +272,35 @@ def test_a_plan_that_is_none_begins_no_run(served: Served, operator: Page, text:
     assert operator.says("start", name="fine", plan=text, rig=RIG).status_code == 422
 
 
+def test_only_who_operates_puts_something_on_the_shelf_or_takes_it_off(served: Served, operator: Page) -> None:
+    onlooker = served.page()
+    told = {"shelf": "plans", "name": "kept", "text": plan()}
+    assert onlooker.says("shelve", **told).status_code == 403
+    assert not (served.runs / "plans" / "kept.toml").exists()
+    assert operator.says("shelve", **told).status_code == 200
+    assert operator.says("shelve", **told).status_code == 409
+    assert onlooker.says("unshelve", shelf="plans", name="kept").status_code == 403
+    assert (served.runs / "plans" / "kept.toml").read_text() == plan()
+    assert operator.says("unshelve", shelf="plans", name="kept").status_code == 200
+    assert list((served.runs / "plans").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"shelf": "runs", "name": "x", "text": ""},
+        {"shelf": "plans", "name": "../x", "text": ""},
+        {"shelf": "plans", "name": "x", "text": "x" * 300_000},
+        {"shelf": "plans", "text": ""},
+        {"shelf": "plans", "name": "x"},
+    ],
+)
+def test_what_belongs_on_no_shelf_is_not_written(served: Served, operator: Page, told: dict[str, str]) -> None:
+    before = sorted(served.runs.parent.rglob("*"))
+    assert operator.says("shelve", **told).status_code in (413, 422)
+    assert sorted(served.runs.parent.rglob("*")) == before
+
+
 def test_a_browser_is_told_to_keep_and_frame_nothing(served: Served) -> None:
     headers = served.client.get("/status").headers
     assert [headers[name] for name in ("cache-control", "x-frame-options", "referrer-policy")] == [

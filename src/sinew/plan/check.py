@@ -250,12 +250,92 @@ _CHANGE_MM_S = 6.0
 
 def _beside_s(plan: Plan, decays: int) -> float:
     """Return what a bench needs beside the motions and rests of a plan [s]."""
-    levels = plan.pretension.pretension_mm
-    ends = plan.track.pretension_to_mm if plan.track is not None else None
-    way = [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
+    way = _way(plan)
     changed = sum(abs(after - before) for before, after in zip([0.0, *way], way, strict=False)) / _CHANGE_MM_S
     levelled = _LEVEL_S + _LEVEL_SWINGING_S * (len(way) - 1)
     return _POWER_UP_S + changed + levelled + _CALM_S * decays + _STOP_S
+
+
+def _way(plan: Plan) -> list[float]:
+    """Return the pretensions that are set one after the other [mm]."""
+    levels = plan.pretension.pretension_mm
+    ends = plan.track.pretension_to_mm if plan.track is not None else None
+    return [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
+
+
+StageKind = Literal["pull", "change", "rest", "settle", "steady", "calm", "ring-down", "tracking", "stop"]
+
+
+class Stage(NamedTuple):
+    """A stretch of a plan as a bench runs it, as long as `Preview.bench_s` takes it to be.
+
+    kind: pull to first contact; change of pretension, with levelling; rest for the sensors; settle before a record;
+    steady, ring-down and tracking are records; calm until the joint is at rest before a decay; stop.
+    start_s, duration_s: [s]. pretension_mm: None before the first is set. frequency_hz, amplitude_deg: None where the
+    drive has none; of tendons that drive, the amplitude is in mm and not told here. groups: of the plan that are in it.
+    """
+
+    kind: StageKind
+    start_s: float
+    duration_s: float
+    pretension_mm: float | None
+    frequency_hz: float | None = None
+    amplitude_deg: float | None = None
+    groups: int = 1
+
+
+def stages_of(plan: Plan, most: int = 400) -> list[Stage]:
+    """Return the stages of a plan in their order.
+
+    most: of more than so many stages those of a kind at one pretension are taken together, one stage each, the settling
+    with its record; the frequency is the last one's then.
+    """
+    found, now, last = [Stage("pull", 0.0, _POWER_UP_S, None)], _POWER_UP_S, 0.0
+
+    def add(kind: StageKind, duration_s: float, mm: float | None, *drive: float) -> None:
+        nonlocal now
+        if duration_s > 0:
+            hertz, deg = (None if math.isnan(one) else one for one in drive or (math.nan, math.nan))
+            found.append(Stage(kind, now, duration_s, mm, hertz, deg))
+            now += duration_s
+
+    at: float | None = None
+    begun = False
+    for group in plan.groups():
+        moves_to = plan.track.pretension_to_mm if plan.track is not None else None
+        if group.pretension_mm != at:
+            for mm in (group.pretension_mm,) if moves_to is None else (moves_to, group.pretension_mm):
+                level = _LEVEL_SWINGING_S if begun else _LEVEL_S
+                add("change", abs(mm - last) / _CHANGE_MM_S + level, mm)
+                last, begun = mm, True
+            at = group.pretension_mm
+        if group.kind == "ring-down":
+            add("calm", _CALM_S, at)
+        drive = group.frequency_hz, group.amplitude_deg
+        add("settle", group.settle_s, at, *drive)
+        add("rest" if group.kind == "idle" else group.kind, group.record_s, at, *drive)
+    add("stop", _STOP_S, at)
+    return found if len(found) <= most else _together(found)
+
+
+def _together(stages: list[Stage]) -> list[Stage]:
+    """Return neighbouring stages of one pretension and one kind as one; settling and calm belong to what follows."""
+    made: list[Stage] = []
+    before = 0.0
+    for stage in stages:
+        if stage.kind in ("settle", "calm"):
+            before += stage.duration_s
+            continue
+        whole = stage._replace(start_s=stage.start_s - before, duration_s=stage.duration_s + before)
+        before = 0.0
+        if made and (made[-1].kind, made[-1].pretension_mm) == (stage.kind, stage.pretension_mm):
+            last = made[-1]
+            whole = whole._replace(
+                start_s=last.start_s, duration_s=last.duration_s + whole.duration_s, groups=last.groups + 1
+            )
+            made.pop()
+        made.append(whole)
+    return made
 
 
 def refuse_beyond_limits(preview: Preview) -> None:

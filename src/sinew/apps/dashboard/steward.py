@@ -44,7 +44,14 @@ from sinew.apps.dashboard.run_desk import (
     end_process,
     sinew_command,
 )
-from sinew.apps.dashboard.work.runs import bin_run, note_run, rename_run, restore_run
+from sinew.apps.dashboard.work.runs import (
+    bin_run,
+    note_run,
+    put_on_shelf,
+    rename_run,
+    restore_run,
+    take_off_shelf,
+)
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
@@ -320,6 +327,8 @@ class SteeringCommand(BaseModel):
         "bin",
         "restore",
         "note",
+        "shelve",
+        "unshelve",
     ]
     plan: _Text | None = None
     rig: _Text | None = None
@@ -327,6 +336,9 @@ class SteeringCommand(BaseModel):
     to: _Text | None = None
     notes: _Text | None = None
     tags: Annotated[list[_Text], Field(max_length=100)] | None = None
+    shelf: Literal["rigs", "plans"] | None = None
+    text: _Text | None = None
+    replace: bool = False
 
 
 class Helm(Protocol):
@@ -350,6 +362,9 @@ class Helm(Protocol):
 
     def keep(self, command: SteeringCommand) -> str:
         """Rename, note, put away or take back a run that has ended. Raises RefusedError."""
+
+    def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
+        """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""
 
     def emergency(self) -> Awaitable[Outcome]:
         """Bring the bench to rest at once."""
@@ -443,6 +458,11 @@ class _Desk:
             return await asyncio.to_thread(self._helm.go_on, command.name)
         if command.command in ("rename", "bin", "restore", "note"):
             return await asyncio.to_thread(self._helm.keep, command)
+        if command.command in ("shelve", "unshelve"):
+            text = command.text if command.command == "shelve" else None
+            if command.shelf is None or command.name is None or (text is None) != (command.command == "unshelve"):
+                raise RefusedError(422, "found no shelf, name or text; expected what to keep, and where")
+            return await asyncio.to_thread(self._helm.shelve, command.shelf, command.name, text, command.replace)
         if command.command != "start":
             return await asyncio.to_thread(self._helm.tell, command.command)
         if command.plan is None or command.rig is None or command.name is None:
@@ -597,6 +617,12 @@ class Steward:
         if command.command == "rename":
             return rename_run(self._runs, name, command.to or "")
         return (bin_run if command.command == "bin" else restore_run)(self._runs, name)
+
+    def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
+        """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""
+        if text is None:
+            return take_off_shelf(self._runs, shelf, name)
+        return put_on_shelf(self._runs, shelf, name, text, replace=replace)
 
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.

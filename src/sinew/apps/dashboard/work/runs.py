@@ -3,9 +3,10 @@
 import json
 import os
 import re
+import secrets
 import tomllib
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
@@ -388,6 +389,82 @@ def read_shelf(kind: str, name: str, runs: Path | str | None = None) -> str:
     if name not in list_shipped(cast(Shelf, kind)):
         raise SpecError(f"there is no {kind.removesuffix('s')} {name!r}; choose one that is listed")
     return read_spec(cast(Shelf, kind), f"{kind}/{name}.toml")
+
+
+_MOST_KEPT = 1000
+
+
+def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool = False) -> str:
+    """Write a rig or a plan among the lab's own, whole or not at all, and return a sentence.
+
+    kind: rigs or plans. name: of its file, with or without .toml. replace: whether it may take the place of another.
+    What the text says is not looked at: a plan that is half written is kept, and listed as such.
+    Raises RefusedError: 422 for a name or kind that is none, 409 where there is one, the shelf is full or not writable.
+    """
+    file = _file_name(kind, name)
+    made = f".{file}.{secrets.token_hex(4)}"
+    with _shelf_handle(runs, kind, make=True) as folder:
+        with os.scandir(folder) as entries:
+            there = [entry.name for entry in entries]
+        if file in there and not replace:
+            raise RefusedError(
+                409, f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name"
+            )
+        if len(there) >= _MOST_KEPT:
+            raise RefusedError(409, f"the shelf of {kind} holds {len(there)} files; take some away first")
+        handle = os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=folder)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as out:
+                out.write(text)
+                out.flush()
+                os.fsync(out.fileno())
+            os.rename(made, file, src_dir_fd=folder, dst_dir_fd=folder)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(made, dir_fd=folder)
+            raise
+    return f"{file} is on the shelf of {kind}"
+
+
+def take_off_shelf(runs: Path, kind: str, name: str) -> str:
+    """Delete a rig or plan of the lab's own, and return a sentence. Raises RefusedError: 404 where there is none."""
+    file = _file_name(kind, name)
+    with _shelf_handle(runs, kind, make=False) as folder:
+        try:
+            os.unlink(file, dir_fd=folder)
+        except FileNotFoundError:
+            raise RefusedError(404, f"there is no {file} among the lab's own {kind}") from None
+    return f"{file} is deleted from the shelf of {kind}"
+
+
+def _file_name(kind: str, name: str) -> str:
+    file = name if name.endswith(".toml") else f"{name}.toml"
+    if kind not in SHELVES:
+        raise RefusedError(422, f"found a shelf {kind[:40]!r}, expected rigs or plans")
+    if not _NAME.fullmatch(file):
+        raise RefusedError(
+            422,
+            f"found {name[:100]!r} for a name, expected up to 80 letters, digits, '.', '_', '-' or spaces, the first a "
+            "letter or a digit",
+        )
+    return file
+
+
+@contextmanager
+def _shelf_handle(runs: Path, kind: str, *, make: bool) -> Iterator[int]:
+    """Give a shelf's folder, opened through no link. Raises RefusedError where it cannot be had or written."""
+    try:
+        if make:
+            (runs / kind).mkdir(parents=True, exist_ok=True)
+        handle = os.open(runs / kind, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            yield handle
+        finally:
+            os.close(handle)
+    except FileNotFoundError:
+        raise RefusedError(404, f"the lab has no {kind} of its own") from None
+    except OSError as error:
+        raise RefusedError(409, f"cannot write among the {kind}: {error.strerror}; see {runs / kind}") from error
 
 
 def _listed(kind: Shelf, runs: Path | str | None) -> list[dict[str, Any]]:
