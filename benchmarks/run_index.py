@@ -139,7 +139,7 @@ def main(arguments: Sequence[str] = ()) -> None:
 
 def measure(folder: str) -> None:
     """Print processor time and memory of each step, in a process of its own."""
-    from sinew.analysis.history.trend import differences, trends
+    from sinew.analysis.run_trend import differences, trends
     from sinew.apps.dashboard.work.results import run_results
     from sinew.apps.dashboard.work.runs import index_of, list_runs
 

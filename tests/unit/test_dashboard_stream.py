@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.alarms import Readings, alarm_limits
 from sinew.apps.dashboard.hub import (
     MOST_MESSAGE,
     Channel,
@@ -25,6 +24,7 @@ from sinew.apps.dashboard.hub import (
     frame_of,
     state_of,
 )
+from sinew.apps.dashboard.judgement import Readings, alarm_limits
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Ended, Health

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from benchmarks.run_index import make_runs
 
-from sinew.analysis.history import index as index_module
-from sinew.analysis.history.index import INDEX, RunIndex
+from sinew.analysis import run_index as index_module
+from sinew.analysis.run_index import INDEX, RunIndex
 from sinew.apps.dashboard.work.runs import index_of, list_runs, read_run
 
 

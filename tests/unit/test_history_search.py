@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from sinew.analysis.history.index import RunIndex
+from sinew.analysis.run_index import RunIndex
 from sinew.measure.errors import SpecError
 
 

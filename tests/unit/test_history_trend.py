@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.analysis.history.trend import DAYS_OF_A_MONTH, by_chance, differences, fit_line, trends
+from sinew.analysis.run_trend import DAYS_OF_A_MONTH, by_chance, differences, fit_line, trends
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 

@@ -16,7 +16,7 @@ from sinew import __version__
 from sinew.apps.bench import doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, pose, predict, transfer
-from sinew.apps.recordings import analyse, convert, film, gait, identify, reproduce, runs, simulate
+from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, runs, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -59,7 +59,7 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     reproduce.answer: ("sinew answer out/paper/recording.nc --out out/paper",),
     convert.import_: ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
     convert.export: ("sinew export run/recording.nc --to mat --out run/recording.mat",),
-    film.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
+    convert.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
     emulate.emulate: ("sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1",),
     doctor.doctor: (
         "sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix",

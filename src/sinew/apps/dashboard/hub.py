@@ -22,8 +22,7 @@ import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
-from sinew.apps.dashboard.alarms import Readings, alarm_limits
-from sinew.apps.dashboard.judgement import judged
+from sinew.apps.dashboard.judgement import Readings, alarm_limits, judged
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.worker import Work
 from sinew.bench.record.journal import JournalReader, Stretch

@@ -30,7 +30,7 @@ def runs(
     ranges as f_r=3..3.4, and hold at one and the same pretension; tag:, rig:, plan:, source:, state:, reason:, notes:,
     name: and begin>=2026-03 narrow it further, - before a word leaves out what has it.
     """
-    from sinew.analysis.history.search import parse_query, quantity_of
+    from sinew.analysis.run_index import parse_query, quantity_of
     from sinew.apps.dashboard.work.runs import index_of
 
     parse_query(search)  # what is wrong with it is said before anything is read
@@ -74,7 +74,7 @@ def _analyse(folder: Path, names: Sequence[str]) -> None:
 
 
 def _tell_runs(found: Sequence[Mapping[str, Any]], count: int, search: str, json: bool) -> None:
-    from sinew.analysis.history.search import COMMON, QUANTITIES
+    from sinew.analysis.run_index import COMMON, QUANTITIES
     from sinew.measure.estimate import number
 
     if json:
@@ -120,14 +120,14 @@ def _document(run: Mapping[str, Any]) -> dict[str, Any]:
 def _tell_trend(
     found: Sequence[Mapping[str, Any]], quantity: str, count: int, search: str, out: Path | None, json: bool
 ) -> None:
-    from sinew.analysis.history.trend import DAYS_OF_A_MONTH, trends
+    from sinew.analysis.run_trend import DAYS_OF_A_MONTH, trends
     from sinew.measure.estimate import UNKNOWN, number
 
     made = trends(found, quantity)
     if out is not None:
         if not made:
             raise SpecError(f"no run that is found has {quantity}; search for others, or analyse them with --analyse")
-        from sinew.figures.history import save_trends
+        from sinew.figures.page import save_trends
 
         save_trends(made, out)
     if json:

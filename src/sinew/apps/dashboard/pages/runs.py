@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 from nicegui import events, ui
 from starlette.requests import Request
 
-from sinew.analysis.history.search import COMMON, QUANTITIES
+from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity

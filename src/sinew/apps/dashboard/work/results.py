@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.analysis.history.search import QUANTITIES
+from sinew.analysis.run_index import QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING, RESULTS, name_in

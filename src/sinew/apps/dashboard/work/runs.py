@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
 
-from sinew.analysis.history.index import RunIndex
+from sinew.analysis.run_index import RunIndex
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import (
     SHELVES,
@@ -58,7 +58,7 @@ def run_trends(runs: Path | str, query: str, quantity: str) -> list[dict[str, An
     them), `line`: None, or its own `days` and there `value` and the 90 % band's `low` and `high`.
     Raises SpecError for a query that is none.
     """
-    from sinew.analysis.history.trend import trends
+    from sinew.analysis.run_trend import trends
 
     with index_of(runs) as index:
         index.refresh(most_s=_READING_S)
@@ -89,8 +89,8 @@ def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str
     rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), `is_significant`,
     `sentence`. Only the index is read.
     """
-    from sinew.analysis.history.search import QUANTITIES
-    from sinew.analysis.history.trend import by_chance, differences
+    from sinew.analysis.run_index import QUANTITIES
+    from sinew.analysis.run_trend import by_chance, differences
 
     with index_of(runs) as index:
         index.refresh(most_s=_READING_S)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, special
 
-from sinew.analysis.history.search import COMMON, QUANTITIES
+from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, span
 
