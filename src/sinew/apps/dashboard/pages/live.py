@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from sinew.apps.dashboard.hub import drawn_rig
+from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
 from sinew.plan.toml import load_rig
