@@ -40,6 +40,7 @@ from sinew.measure.estimate import finite
 from sinew.measure.events import Contact, Doubted, Event, Health, Severity
 from sinew.plan.toml import parse_plan, parse_rig
 
+
 class Ring:
     """The newest columns of a table that goes on.
 
@@ -466,7 +467,7 @@ def frame_of(live: Live, view: View) -> bytes | None:
     frame: dict[str, Any] = {"kind": "samples", "reset": reset}
     if reset:
         frame["rig"] = live.rig
-        frame["traces"] = [{"key": c.key, "label": c.label, "unit": c.unit} for c in live.channels]
+        frame["traces"] = [asdict(channel) for channel in live.channels]
     thinned = thin(new[0], new[1:], view.base_s / view.pixels)
     frame["time"] = np.round(thinned.time, 4)
     frame["low"] = np.round(thinned.low, 3)

@@ -112,7 +112,7 @@ class JournalReader:
         return int(self._connection.execute("SELECT coalesce(max(id), 0) FROM samples").fetchone()[0])
 
     def first_samples(self) -> list[int]:
-        """Return the id of the first sample of every run that wrote here, in order; without reading what lies between."""
+        """Return the id of the first sample of every run that wrote here, in order, without reading the rest."""
         found, session, last = [], 0, self.last_sample()
         while (found[-1] if found else 0) <= last:
             at = bisect_left(range(last + 1), session + 1, lo=found[-1] if found else 1, key=self.session)

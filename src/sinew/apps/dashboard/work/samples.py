@@ -9,9 +9,10 @@ another; what was measured then follows a second after what was measured before.
 import math
 from bisect import bisect_left
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
@@ -44,8 +45,9 @@ def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
     """Return what a page draws of a rig, for JSON.
 
     `shape`: lengths in those of the silicone, the number of tendons, and the points (y, z) of the silicone's surface
-    around a section; `length_mm` of the silicone; `labels` of the traces by key; `sensors`: key and label of those with
-    a node of their own; `tension_limit_n` [N]; `pose`: in words, None of an upright head, which is drawn upright.
+    around a section; `length_mm` of the silicone; `traces`: key, label and unit of each; `sensors`: key and label of
+    those with a node of their own; `tension_limit_n` [N]; `newton_per_ampere` of a tendon motor; `pose`: in words, None
+    of an upright head, which is drawn upright.
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
@@ -58,14 +60,15 @@ def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
         "lever": 1.2 * max(circle, radius) + 0.3,
         "tendons": rig.tendons.count,
     }
-    labels = {channel.key: channel.label for channel in LiveChannels(rig, pose).channels}
+    traces = [asdict(channel) for channel in LiveChannels(rig, pose).channels]
     sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
     return {
         "shape": shape,
         "length_mm": 1e3 * length,
-        "labels": labels,
+        "traces": traces,
         "sensors": sensors,
         "tension_limit_n": rig.limits.tension_n,
+        "newton_per_ampere": rig.tendons.tension(1.0),
         "pose": None if pose.is_straight else pose.words(),
     }
 
@@ -350,7 +353,7 @@ class _OfRecording:
         steps = np.diff(self._time)
         breaks = (np.flatnonzero((steps <= 0) | (steps > GAP_S)) + 1).tolist()
         cuts = [0, *breaks, self._time.size] if self._time.size else [0]
-        parts = [(a, b, float(self._time[a]), float(self._time[b - 1])) for a, b in zip(cuts, cuts[1:], strict=False)]
+        parts = [(a, b, float(self._time[a]), float(self._time[b - 1])) for a, b in pairwise(cuts)]
         return _joined(parts)
 
     def clock(self, row: int) -> float:
@@ -452,8 +455,13 @@ TORSION = 2
 # Pieces: read whole where they are short, put together from parts where they are long.
 
 PIECE_BINS = 512
+"""Bins of a piece."""
+
 FINEST_HZ = 1024.0
 MOST_LEVEL = 20  # bins of 17 minutes
+SHORT_LEVEL = 6
+"""Pieces of up to 32 s are read in some 50 ms of a core."""
+
 _READ_LEVEL = 9  # pieces of 256 s are read sample by sample
 _PART_S, _PART_BIN_S = 128.0, 1.0
 _SPENT_S = 0.4  # on one answer; what is not read by then comes with the next one
@@ -532,10 +540,12 @@ def _put_together(
 ) -> tuple[tuple[Array, Array, Array], float]:
     """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
     numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
-    began, found = monotonic(), []
+    began, found, has_read = monotonic(), [], False
     for number in numbers:
-        if found and number not in parts.known and monotonic() - began > _SPENT_S:
-            break
+        if number not in parts.known:
+            if has_read and monotonic() - began > _SPENT_S:
+                break
+            has_read = True
         found.append(parts.at(source, number, until))
     time, low, high = (np.concatenate([part[i] for part in found], axis=-1) for i in range(3))
     return (time, low, high), len(found) / len(numbers)
@@ -551,19 +561,18 @@ def dumped(document: dict[str, Any]) -> bytes:
 def samples_about(folder: str) -> bytes:
     """Return what there is of a run's samples, as JSON, without reading them.
 
-    {"rig": see `drawn_rig`, "traces": [{"key", "label", "unit"}], "end_s": time of the newest sample, "is_running",
-    "period_s": of the samples, "segments": [{"label", "from_s"}], "piece_bins", "finest_hz", "most_level"}.
+    {"rig": see `drawn_rig`, "known": keys of the traces that have numbers, "end_s": time of the newest sample,
+    "is_running", "period_s": of the samples, "segments": [{"label", "from_s"}], and of the ladder
+    "piece_bins", "finest_hz", "most_level"}.
     Raises FileError.
     """
     with opened(folder) as source:
         spans = source.spans()
-        channels = LiveChannels(source.rig, source.pose).channels
-        traces = [{"key": c.key, "label": c.label, "unit": c.unit} for c in channels]
+        rig = drawn_rig(source.rig, source.pose)
         return dumped(
             {
-                "rig": drawn_rig(source.rig, source.pose),
-                "traces": traces,
-                "known": [c.key for c in channels if source.keys is None or c.key in source.keys],
+                "rig": rig,
+                "known": [c["key"] for c in rig["traces"] if source.keys is None or c["key"] in source.keys],
                 "end_s": spans[-1].end_s if spans else 0.0,
                 "is_running": is_being_written(Path(folder) / JOURNAL),
                 "period_s": 1.0 / source.sample_hz,
@@ -605,7 +614,7 @@ def samples_spectrum(folder: str, begin_s: float, end_s: float) -> bytes:
         time, traces = traces_between(source, begin_s, end_s)
         hz = source.sample_hz
     if time.size < 16:
-        raise FileError(f"found {time.size} samples between {begin_s:.2f} and {end_s:.2f} s, expected 16 for a spectrum")
+        raise FileError(f"found {time.size} samples in {begin_s:.2f} to {end_s:.2f} s, a spectrum needs 16")
     even = np.arange(time[0], time[-1], 1 / hz)
     amplitude: list[Array | None] = []
     frequency = np.fft.rfftfreq(even.size, 1 / hz)
