@@ -1,4 +1,4 @@
-"""The oscilloscope in a real browser: cursors against a known signal, a picture that stands, the way back to the begin."""
+"""The oscilloscope in a real browser: cursors against a known signal, a picture that stands, the way to the begin."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -70,7 +70,8 @@ def test_cursors_measure_a_period_and_the_lever_at_both(page: Any) -> None:
     drag(page, 1.0 + 2.0 / 3, first)
     drag(page, 1.0 + 2.0 * 2 / 3, second)
     page.wait_for_function("document.querySelectorAll('#sinew-values tbody tr').length > 2")
-    page.wait_for_timeout(700)
+    page.wait_for_function("document.querySelectorAll('#sinew-values tbody tr:first-child td').length === 6")
+    page.wait_for_timeout(700)  # numbers follow three times a second
     a, b, apart, rate = numbers(page.inner_text("#sinew-apart"))
     pixel = 2.0 / page.evaluate("SinewScope.scope.width")
     assert (a, b) == (pytest.approx(first, abs=pixel), pytest.approx(second, abs=pixel))
@@ -126,7 +127,8 @@ TRIGGERED = """async ([hz, gain]) => {
   const scope = window.SinewScope, { traces } = scope, keys = scope.rig.traces, starts = [], gains = [];
   traces.reset(keys);
   scope.base = 2; scope.follows = true; scope.isTriggered = true; scope.maths.gain = true; scope.see();
-  const phase = 2 * Math.PI * hz, rows = { drive: (t) => 20 * Math.sin(phase * t), torsion: (t) => 20 * gain * Math.sin(phase * t - 1.5) };
+  const phase = 2 * Math.PI * hz, lever = (t) => 20 * Math.sin(phase * t);
+  const rows = { drive: lever, torsion: (t) => 20 * gain * Math.sin(phase * t - 1.5) };
   for (let frame = 0, k = 0; frame < 400; frame++) {
     const time = [];
     for (; k / 200 < frame * 0.037; k++) time.push(k / 200);

@@ -30,9 +30,8 @@ def sample(index: int, began: float = BEGAN_S) -> Sample:
     drive = math.radians(90.0 if index == SPIKE else 20.0 * math.sin(angle))
     rate = math.radians(10.0) * 2 * math.pi * SWING_HZ * math.cos(angle)
     four = (0.1,) * 4
-    return Sample(
-        began + time, began + time, 0.1, drive, 0.3, 0.2, four, four, four, (rate, 0.0, 0.0), (9.81, 0.0, 0.0), 0.01, 1e-4
-    )  # fmt: skip
+    now = began + time
+    return Sample(now, now, 0.1, drive, 0.3, 0.2, four, four, four, (rate, 0.0, 0.0), (9.81, 0.0, 0.0), 0.01, 1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +106,7 @@ def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) ->
                 journal.append(sample(index, began))
     with JournalReader(path) as journal:
         first = journal.first_samples()
-    found = piece(tmp_path, 3, 0)
+    found = {key: np.hstack([piece(tmp_path, 2, number)[key] for number in (0, 1)]) for key in ("time", "low")}
     known = np.isfinite(found["low"][DRIVE])
     assert first == [1, 201]
     assert found["time"][known][[0, 199, 200, 399]] == pytest.approx([0.0, 0.995, 1.995, 2.99])
@@ -115,12 +114,12 @@ def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) ->
 
 
 def test_a_recording_shows_what_its_journal_shows(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run", groups=[0])
+    folder = run_folder(tmp_path / "run", groups=[0, 1])
     of_journal = piece(folder, 5, 0)
     recording_of(folder)
     (folder / "journal.sqlite").unlink()
     of_recording = piece(folder, 5, 0)
-    assert of_recording["time"].max() == pytest.approx(of_journal["time"].max(), abs=0.05)
+    assert of_recording["time"].max() == pytest.approx(of_journal["time"].max(), abs=0.1)
     for row in (DRIVE, TORSION, 4):
         assert np.nanmax(of_recording["high"][row]) == pytest.approx(np.nanmax(of_journal["high"][row]), abs=0.1)
 

@@ -322,6 +322,7 @@ export class Oscilloscope {
   place() {
     $("sinew-cursor-row").hidden = !this.cursors;
     if (this.cursors) $("sinew-values").open = true;
+    for (const [i, one] of ["a", "b"].entries()) if (this.cursors) $(`sinew-cursor-${one}`).value = String(this.cursors[i]);
     this.isFresh = true;
   }
 
@@ -395,9 +396,7 @@ export class Oscilloscope {
       const [a, b] = cursors.map(({ time }) => time), apart = b - a;
       put("sinew-apart", `A ${fixed(a, 4)} s, B ${fixed(b, 4)} s, Δt ${fixed(apart, 4)} s, 1/Δt ${apart ? fixed(1 / Math.abs(apart), 3) : "–"} Hz`);
       for (const [i, one] of ["a", "b"].entries()) {
-        const handle = $(`sinew-cursor-${one}`);
-        handle.value = String(this.cursors[i]);
-        handle.setAttribute("aria-valuetext", `${fixed(cursors[i].time, 4)} s`);
+        $(`sinew-cursor-${one}`).setAttribute("aria-valuetext", `${fixed(cursors[i].time, 4)} s`);
       }
     }
     const rows = lines.map((line) => {
@@ -458,6 +457,7 @@ export class Oscilloscope {
       const time = before.start + share * (before.end - before.start);
       return (time - this.shown.start) / (this.shown.end - this.shown.start);
     });
+    if (this.cursors) this.place();
   }
 }
 
