@@ -120,8 +120,11 @@ def test_a_recording_shows_what_its_journal_shows(tmp_path: Path) -> None:
     (folder / "journal.sqlite").unlink()
     of_recording = piece(folder, 5, 0)
     assert of_recording["time"].max() == pytest.approx(of_journal["time"].max(), abs=0.1)
-    for row in (DRIVE, TORSION, 4):
-        assert np.nanmax(of_recording["high"][row]) == pytest.approx(np.nanmax(of_journal["high"][row]), abs=0.1)
+    highest = [np.nanmax(found["high"], axis=1) for found in (of_recording, of_journal)]
+    assert highest[0][[DRIVE, 4]] == pytest.approx(highest[1][[DRIVE, 4]], abs=0.1)
+    assert highest[0][TORSION] == pytest.approx(
+        highest[1][TORSION], rel=0.03
+    )  # it begins at another moment of the swing
 
 
 def test_a_run_says_where_its_segments_begin(folder: Path) -> None:

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from sinew.apps.dashboard.operators import is_run_name, unlinked
 from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, heading, script
 from sinew.apps.dashboard.work import samples as reader
-from sinew.apps.dashboard.work.samples import MOST_LEVEL, SHORT_LEVEL
+from sinew.apps.dashboard.work.samples import MOST_LEVEL, SHORT_LEVEL, SHORT_S
 from sinew.measure.errors import SinewError
 
 _BASES_S = (0.5, 1, 2, 5, 10, 30, 60)
@@ -39,13 +39,12 @@ def add_samples_page(app: FastAPI, site: Site) -> None:
         script("sinew-samples", {"name": name})
         ui.add_body_html(f'<script type="module" src="/sinew/samples.js?{site.version}"></script>')
 
-    async def answer(name: str, what: str, *arguments: Any) -> Response:
+    async def answer(name: str, what: str, *arguments: Any, is_short: bool = True) -> Response:
         folder = site.runs / name
         if not is_run_name(name) or not folder.is_dir():
             return JSONResponse({"ok": False, "sentence": "There is no such run."}, 404)
         live = site.hub.live
-        # Of the run that is followed anyway, a short piece is read here, without waiting for a worker.
-        is_short = what == "samples_about" or (what == "samples_piece" and arguments[0] <= SHORT_LEVEL)
+        # Of the run that is followed anyway, what is short is read here, without waiting for a worker.
         is_near = is_short and live is not None and live.name == name
         try:
             place = str(unlinked(folder))
@@ -63,11 +62,11 @@ def add_samples_page(app: FastAPI, site: Site) -> None:
 
     @app.get("/samples/{name}/piece")
     async def piece(name: str, level: Level, number: Number) -> Response:
-        return await answer(name, "samples_piece", level, number)
+        return await answer(name, "samples_piece", level, number, is_short=level <= SHORT_LEVEL)
 
     @app.get("/samples/{name}/spectrum")
     async def spectrum(name: str, begin: Seconds, end: Seconds) -> Response:
-        return await answer(name, "samples_spectrum", begin, end)
+        return await answer(name, "samples_spectrum", begin, end, is_short=end - begin <= SHORT_S)
 
 
 def _button(name: str, text: str, label: str = "", *, is_switch: bool = False) -> str:
