@@ -43,7 +43,7 @@ def _joint_card() -> int:
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
             scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
-            scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
+            scene.move_camera(0.95, -1.1, 1.15, 0.0, 0.0, 0.55, duration=0)
             ui.element("div").props("id=sinew-tensions")
         ui.html(
             '<div class="sinew-row"><label for="sinew-exaggeration">Deformation drawn '

@@ -402,7 +402,7 @@ export class Oscilloscope {
     const rows = lines.map((line) => {
       const row = bins.row(line.key), unit = this.unit(line.key), digits = unit === "A" ? 3 : 2, [low, high] = bins.range(row, start, end);
       const values = cursors.map(({ time }) => bins.at(row, time));
-      return { line, unit, cells: [bins.count ? (bins.low[row][bins.count - 1] + bins.high[row][bins.count - 1]) / 2 : NaN, low, high, ...values, ...(values.length ? [values[1] - values[0]] : [])].map((v) => fixed(v, digits)) };
+      return { line, unit, cells: [bins.newest(row, start, end), low, high, ...values, ...(values.length ? [values[1] - values[0]] : [])].map((v) => fixed(v, digits)) };
     });
     $("sinew-scope").setAttribute("aria-label", `Oscilloscope, ${fixed(start, 1)} to ${fixed(end, 1)} s. `
       + rows.map(({ line, unit, cells }) => `${this.label(line.key)}: ${cells[0]} ${unit}, from ${cells[1]} to ${cells[2]}`).join("; "));

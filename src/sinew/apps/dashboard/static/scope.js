@@ -122,6 +122,13 @@ export class Bins {
     return middle(k - 1) + share * (middle(k) - middle(k - 1));
   }
 
+  // Newest value of a trace between two times; NaN where there is none.
+  newest(row, start, end) {
+    let k = Math.min(this.count - 1, this.from(end));
+    if (k >= 0 && this.time[k] > end) k--;
+    return k >= 0 && this.time[k] >= start ? (this.low[row][k] + this.high[row][k]) / 2 : NaN;
+  }
+
   // Least and largest value of a trace between two times.
   range(row, start, end) {
     let low = Infinity, high = -Infinity;
@@ -209,12 +216,12 @@ export class Scope {
       if (this.log && at % 1) continue;
       const up = top + tall - (at - range.low) * scale;
       draw.moveTo(LEFT, up); draw.lineTo(width - RIGHT, up);
-      draw.fillText(this.log ? String(Number((10 ** at).toPrecision(1))) : at.toFixed(digits), LEFT - 6, up);
+      draw.fillText(this.log ? at < -2 ? `1e${at}` : String(Number((10 ** at).toPrecision(1))) : at.toFixed(digits), LEFT - 6, up);
     }
     for (const time of axis.found) { draw.moveTo(this.x(time), top); draw.lineTo(this.x(time), top + tall); }
     draw.stroke();
     draw.save(); draw.beginPath(); draw.rect(LEFT, top - 2, width - LEFT - RIGHT, tall + 4); draw.clip();
-    const hole = Math.max(0.06, 4 * (this.end - this.start) / this.pixels), across = this.width / (this.end - this.start);
+    const hole = this.log ? Infinity : Math.max(0.06, 4 * (this.end - this.start) / this.pixels), across = this.width / (this.end - this.start);
     for (const { key, colour, dash, wide } of shown) {
       const lows = bins.low[bins.row(key)], highs = bins.high[bins.row(key)];
       draw.strokeStyle = css(colour); draw.lineWidth = wide ?? 1.6; draw.setLineDash(dash ?? []);
