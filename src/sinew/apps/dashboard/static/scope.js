@@ -62,6 +62,17 @@ export function sized(canvas, height) {
   return { draw, width, height };
 }
 
+// Draws a path as wide as asked by hairlines beside one another: without a graphics card eight wide lines of 1200 points
+// take 13 ms, plain or dashed; hairlines take 1 and 2 ms.
+function stroke(draw, path, wide) {
+  const ratio = draw.getTransform().a, times = Math.max(1, Math.ceil(wide));
+  draw.lineWidth = 1 / ratio;
+  for (let k = 0; k < times; k++) {
+    const up = times > 1 ? (k / (times - 1) - 0.5) * (wide - 1) : 0;
+    draw.translate(0, up); draw.stroke(path); draw.translate(0, -up);
+  }
+}
+
 // Steps of 1, 2 or 5 times a power of ten, about so many in a range.
 export function ticks(low, high, about) {
   const raw = (high - low) / about, power = 10 ** Math.floor(Math.log10(raw));
@@ -224,18 +235,18 @@ export class Scope {
     const hole = this.log ? Infinity : Math.max(0.06, 4 * (this.end - this.start) / this.pixels), across = this.width / (this.end - this.start);
     for (const { key, colour, dash, wide } of shown) {
       const lows = bins.low[bins.row(key)], highs = bins.high[bins.row(key)];
-      draw.strokeStyle = css(colour); draw.lineWidth = wide ?? 1.6; draw.setLineDash(dash ?? []);
-      draw.beginPath();
+      const path = new Path2D();
+      draw.strokeStyle = css(colour); draw.setLineDash(dash ?? []);
       let open = false, before = -Infinity;
       for (let k = first; k < last; k++) {
         const a = lows[k], b = highs[k], time = bins.time[k];
         if (Number.isNaN(a) || Number.isNaN(b)) { open = false; continue; }
         const at = LEFT + (time - this.start) * across;
-        if (open && time - before < hole) draw.lineTo(at, y(a)); else draw.moveTo(at, y(a));
-        if (b !== a) draw.lineTo(at, y(b));
+        if (open && time - before < hole) path.lineTo(at, y(a)); else path.moveTo(at, y(a));
+        if (b !== a) path.lineTo(at, y(b));
         open = true; before = time;
       }
-      draw.stroke();
+      stroke(draw, path, wide ?? 1.6);
     }
     draw.restore();
     draw.setLineDash([]); draw.textAlign = "left"; draw.textBaseline = "top";
@@ -278,15 +289,15 @@ export class Lissajous {
     }
     draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText("lever θ / °", left + wide / 2, top + tall + 20);
     draw.textAlign = "left"; draw.fillText("torsion φ / °", left, 0);
-    draw.strokeStyle = css("--torsion"); draw.lineWidth = 1.6;
+    draw.strokeStyle = css("--torsion");
     const count = this.points.length;
     for (let part = 0; part < 4; part++) { // what is older is fainter
       draw.globalAlpha = 0.25 + 0.25 * part;
-      draw.beginPath();
+      const path = new Path2D();
       for (let i = Math.floor(part * count / 4); i < Math.min(count, Math.floor((part + 1) * count / 4) + 1); i++) {
-        draw.lineTo(x(this.points[i][0]), y(this.points[i][1]));
+        path.lineTo(x(this.points[i][0]), y(this.points[i][1]));
       }
-      draw.stroke();
+      stroke(draw, path, 1.6);
     }
     draw.globalAlpha = 1;
     if (count) {
