@@ -67,7 +67,8 @@ campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes
 	$(BIN)/python -m campaigns.faults --runs 500 --seed 0 --workers 2 --out out/campaigns/faults.json
 	$(BIN)/python -m campaigns.hostile --runs 300 --seed 0 --workers 2 --out out/campaigns/hostile.json
 
-docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
+docs: $(VENV)/.dev ## the documentation as HTML in docs/_build; every example of the gallery is run anew
+	rm -rf docs/gallery
 	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs docs/_build
 	@echo "docs/_build/index.html"
 
@@ -75,6 +76,7 @@ pictures: reproduce ## the pictures of README and docs, from the figures of `mak
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
 	$(BIN)/sinew modes paper --out docs/pictures/space.png
+	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --out docs/pictures/sweep.webp
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py
@@ -83,7 +85,7 @@ lock: ## write requirements.txt and requirements-dev.txt anew from pyproject.tom
 	sh tools/lock.sh
 
 clean: ## remove what the other targets made, except .venv
-	rm -rf out build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf out build dist docs/_build docs/gallery .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 setup-dev: $(VENV)/.dev

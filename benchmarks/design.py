@@ -12,8 +12,7 @@ from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.tune.candidate import SHAPES, DesignTarget
-from sinew.tune.design import blocks_of, drafts_of, run_tasks, search_block
-from sinew.tune.proposal import propose
+from sinew.tune.design import blocks_of, drafts_of, propose, run_tasks, search_block
 
 STARTS, EXACT, WORKERS = 64, 8, 2
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

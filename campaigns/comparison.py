@@ -12,7 +12,7 @@ from campaigns.faulty_bench import FaultyBench
 from campaigns.lies import FALSE_KINDS
 from campaigns.witness import MOTOR_S, SENSOR_S, Truth, wrong_readings
 from sinew.bench.record.conversion import recording_from_journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec

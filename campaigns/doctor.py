@@ -26,13 +26,12 @@ import numpy as np
 
 from campaigns.options import asked_seeds, spread_trials, trial_parser
 from sinew.bench.doctor import Finding
-from sinew.bench.guide.steps import STEPS, Guide, Step, lead, turned_frame
+from sinew.bench.guide import STEPS, Guide, Step, lead, turned_frame
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import FaultyRig
-from sinew.emulator.found import VirtualPort, drawn_start, found_bench
+from sinew.emulator.found import Hands, Unbuilt, VirtualPort, draw_unbuilt, drawn_start, found_bench
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unbuilt import Hands, Unbuilt, draw_unbuilt
 from sinew.hardware.bus import Bus, BusTiming, Clock
 from sinew.hardware.registers import BAUD_RATES
 from sinew.hardware.rig import Rig
@@ -41,8 +40,8 @@ from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 
-PLAN = """
-name = "first of all"
+ONE_MOTION = """
+name = "{name}"
 sample_hz = 200
 [pretension]
 pretension_mm = [4]
@@ -50,10 +49,13 @@ rest_s = 0.3
 [sweep]
 frequency_hz = [3.2]
 amplitude_deg = 20
-settle_s = 1
-periods = 3
+settle_s = {settle_s}
+periods = {periods}
 repeats = 1
 """
+"""A plan of one motion, without its name and how long it takes."""
+
+PLAN = ONE_MOTION.format(name="first of all", settle_s=1, periods=3)
 """What runs behind the guide."""
 
 SCENES: tuple[tuple[str, ...], ...] = (

@@ -36,14 +36,13 @@ from campaigns.space import (
 )
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.mechanics.column import column_load
-from sinew.mechanics.rod import rod_poses
+from sinew.mechanics.rod import column_load, rod_poses
 from sinew.plan.plan import TendonMode
 from sinew.plan.pose import STRAIGHT, Pose
 from sinew.predict.bent import SLOW_HZ, servo_speed, spinal_engine
 from sinew.predict.modes import Asked, Finder, PoseModes, out_of_plane
-from sinew.predict.poses.pose import Asked as AskedPose
-from sinew.predict.poses.pose import slack_bend
+from sinew.predict.pose import Asked as AskedPose
+from sinew.predict.pose import slack_bend
 from sinew.solve.spatial import linear_equations, modes, settle
 from sinew.solve.swing import swing_steps
 from sinew.twin.cache import configure

@@ -8,8 +8,10 @@ may not, see `campaigns.trial`.
 import json
 import multiprocessing
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 from campaigns.options import campaign_parser
 from campaigns.scenario import PLANS, draw_scenario
@@ -54,27 +56,38 @@ def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> V
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign, print its table, and return the exit status."""
     given = campaign_parser("faults", __doc__, count=500, numbered=True, workers=1, verbose=True).parse_args(arguments)
+    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), given.workers), given, _line)
+    return concluded(done, text(done), summary(done, given.seed), given.out)
+
+
+def collected(runs: Iterable[Verdict], given: Namespace, line: Callable[[Verdict], str]) -> list[Verdict]:
+    """Return the verdicts of all runs, told on stderr as they come: a line for each with --verbose, else how many."""
     done: list[Verdict] = []
-    for verdict in verdicts(given.seed, range(given.first, given.first + given.runs), given.workers):
+    for verdict in runs:
         done.append(verdict)
         if given.verbose:
-            print(_line(verdict), file=sys.stderr, flush=True)
+            bad = "".join(f"\n    !! {violation}" for violation in verdict.violations)
+            print(f"{line(verdict)}{bad}", file=sys.stderr, flush=True)
         elif sys.stderr.isatty():
             print(f"\r{len(done)} of {given.runs}", end="", file=sys.stderr, flush=True)
-    if given.out is not None:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(json.dumps(summary(done, given.seed), indent=1) + "\n", encoding="utf-8")
-    print(text(done))
+    return done
+
+
+def concluded(done: Sequence[Verdict], table: str, document: object, out: Path | None) -> int:
+    """Print a campaign's table, write its document where a file is asked for, and return the exit status."""
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    print(table)
     return 1 if any(verdict.violations for verdict in done) else 0
 
 
 def _line(verdict: Verdict) -> str:
     faults = ", ".join(verdict.faults) or "no fault"
-    bad = "".join(f"\n    !! {violation}" for violation in verdict.violations)
     return (
         f"{verdict.number} {verdict.mode}/{verdict.safe_state} {faults} -> {verdict.outcome} "
         f"({verdict.groups_done}/{verdict.groups}) {verdict.sentence} | {verdict.stop} "
-        f"[{verdict.virtual_s:.1f} s in {verdict.wall_s:.1f} s]{bad}"
+        f"[{verdict.virtual_s:.1f} s in {verdict.wall_s:.1f} s]"
     )
 
 

@@ -11,7 +11,6 @@ how the joint moved. Where they are false and signed, a false value that might b
 journal is read for what no motor and no head can do.
 """
 
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from campaigns.faults import rest_tensions
+from campaigns.faults import collected, concluded, rest_tensions
 from campaigns.lies import LIE_KINDS, Lies
 from campaigns.options import campaign_parser, spread_trials
 from campaigns.scenario import Scenario, draw_scenario
@@ -75,23 +74,16 @@ def _row(name: str, done: Sequence[Verdict]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign, print its table, and return the exit status."""
     given = campaign_parser("hostile", __doc__, count=300, numbered=True, workers=1, verbose=True).parse_args(arguments)
-    done: list[Verdict] = []
-    for verdict in verdicts(given.seed, range(given.first, given.first + given.runs), given.workers):
-        done.append(verdict)
-        if given.verbose:
-            bad = "".join(f"\n    !! {violation}" for violation in verdict.violations)
-            print(
-                f"{verdict.number} {verdict.mode}/{verdict.safe_state} {', '.join(verdict.faults)} -> "
-                f"{verdict.outcome}: {verdict.sentence} | {verdict.stop} {verdict.happened} "
-                f"[{verdict.virtual_s:.1f} s in {verdict.wall_s:.1f} s]{bad}",
-                file=sys.stderr,
-                flush=True,
-            )
-    if given.out is not None:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(json.dumps([v.document() for v in done], indent=1) + "\n", encoding="utf-8")
-    print(table(done))
-    return 1 if any(verdict.violations for verdict in done) else 0
+    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), given.workers), given, _line)
+    return concluded(done, table(done), [v.document() for v in done], given.out)
+
+
+def _line(verdict: Verdict) -> str:
+    return (
+        f"{verdict.number} {verdict.mode}/{verdict.safe_state} {', '.join(verdict.faults)} -> "
+        f"{verdict.outcome}: {verdict.sentence} | {verdict.stop} {verdict.happened} "
+        f"[{verdict.virtual_s:.1f} s in {verdict.wall_s:.1f} s]"
+    )
 
 
 if __name__ == "__main__":

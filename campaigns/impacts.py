@@ -8,8 +8,8 @@ that number is found where it is not said. Printed by hits and modes. Seeded.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,8 +27,7 @@ Mode = tuple[float, float, float]
 """Natural frequency [Hz], damping ratio, static gain."""
 
 
-@dataclass(frozen=True)
-class Pulse:
+class Pulse(NamedTuple):
     """One half sine of force: when it begins [s], how high it is, how long it lasts [s]."""
 
     at_s: float
@@ -86,8 +85,7 @@ def draw(seed: int, hits: int, count: int) -> tuple[list[Mode], pd.DataFrame]:
     return modes, struck(modes, pulses, 0.3 + wait * hits, rng, **noises)
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """What one record gave: how many hits and modes it has, whether each interval holds, how many modes were found."""
 
     hits: int

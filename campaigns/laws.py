@@ -26,8 +26,7 @@ from campaigns.law_signals import (
     noisy_record,
 )
 from campaigns.options import TWO, asked_seeds, spread_trials, trial_parser
-from sinew.identify.choice.comparison import Comparison, compare_laws, laws_to_try
-from sinew.identify.choice.held_out import split_record
+from sinew.identify.choice.comparison import Comparison, compare_laws, laws_to_try, split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import Model, Rest

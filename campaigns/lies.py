@@ -10,6 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from sinew.emulator.faults import Arrivals
 from sinew.emulator.line import Line
 from sinew.hardware.codec import HEADER, Decoder, Status, encode
 
@@ -22,8 +23,6 @@ FALSE_KINDS = ("zeroed", "re-signed", "wrong id")
 _LATEST_S = 0.02  # four cycles
 _STRANGERS = (0, 42, 252)
 _MOST_JUNK = 24
-
-Arrivals = list[tuple[float, bytes]]
 
 
 @dataclass(frozen=True, slots=True)

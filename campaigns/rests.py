@@ -1,7 +1,7 @@
 """Rest poses against an independent minimiser: `python -m campaigns.rests --seeds 60`.
 
 Each seed draws a rig (the paper's, or with a flat oval section, or cast curved; chords or channels; another head), a
-pretension, a mode of the motors and a pose or what tendons do, and asks `sinew.predict.poses.pose` for the rest. It is
+pretension, a mode of the motors and a pose or what tendons do, and asks `sinew.predict.pose` for the rest. It is
 held against an energy written down apart, in plain NumPy from the rig's own numbers: a rod of 48 straight steps, each
 turned by the strain in its middle, and tendons from its end to its foot; `scipy.optimize.minimize` knows nothing of it
 but its value. A found pose must be where the minimiser comes to from the straight joint, with its tensions; one that is
@@ -26,7 +26,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import Design, design_rig
 from sinew.predict.joints.section import ellipse_section
-from sinew.predict.poses.pose import Asked, Posed, find_pose
+from sinew.predict.pose import Asked, Posed, find_pose
 
 STEPS = 48
 TILT_DEG, TENSION_N = 0.1, 0.5

@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 import xarray as xr
 
+from campaigns.doctor import ONE_MOTION
 from campaigns.options import campaign_parser
 from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import doubts_of
@@ -60,19 +61,7 @@ BAD: tuple[Outcome, ...] = ("unnamed", "silently wrong")
 GAIN, PHASE_DEG, DAMPING = 0.02, 2.0, 0.05
 """How far the second run may be from the twin: relative, degrees, relative."""
 
-BEFORE = """
-name = "a run before"
-sample_hz = 200
-[pretension]
-pretension_mm = [4]
-rest_s = 0.3
-[sweep]
-frequency_hz = [3.2]
-amplitude_deg = 20
-settle_s = 0.3
-periods = 2
-repeats = 1
-"""
+BEFORE = ONE_MOTION.format(name="a run before", settle_s=0.3, periods=2)
 """A first run that is to end by itself."""
 
 PLAN = """

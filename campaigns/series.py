@@ -24,7 +24,7 @@ import xarray as xr
 from sinew.analysis.analysed import analyse
 from sinew.analysis.tracked import tracking_document
 from sinew.bench.record.conversion import recording_from_journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.hardware.bus import Bus, BusTiming, MonotonicClock
 from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 import websockets
 
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.measure.events import Health
 from sinew.measure.recording import Segment
@@ -283,7 +282,11 @@ def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
                     found["memory_mb"].append(memory())
             found["memory_mb"].append(memory())
             times = page.evaluate(DRAWN)
-            found["draw_ms"] = {"least": min(times), "median": float(np.median(times)), "p95": float(np.percentile(times, 95))}
+            found["draw_ms"] = {
+                "least": min(times),
+                "median": float(np.median(times)),
+                "p95": float(np.percentile(times, 95)),
+            }
             found["to_the_begin_ms"] = page.evaluate(TO_THE_BEGIN)
             browser.close()
     return {"hours": hours, "seconds": seconds, **found}

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
+from sinew.emulator.imu_node import SAMPLE_PERIOD
 from sinew.emulator.plant import HornMotion, Law, Motion, Plant
 from sinew.measure.arrays import Array
 from sinew.plan.rig import RigSpec

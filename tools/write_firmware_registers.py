@@ -6,7 +6,7 @@
 import sys
 from pathlib import Path
 
-from sinew.emulator.devices import device
+from sinew.emulator import device
 from sinew.hardware import codec
 from sinew.hardware.registers import (
     BAUD_RATES,

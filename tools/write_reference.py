@@ -1,10 +1,12 @@
 """The generated pages of docs/reference: schema, register tables, the command's own help.
 
-`make reference` writes docs/reference/recording.md, results.md, registers.md and cli.md anew; a test compares what is
+`make reference` writes recording.md, results.md, registers.md, cli.md and python.md there anew; a test compares what is
 committed with what this program would write.
 """
 
+import inspect
 import math
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +18,7 @@ if __package__ in (None, ""):
 import typer
 from typer.testing import CliRunner
 
+import sinew
 from sinew.apps.cli import app
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import KNOWN_STATE, Post
@@ -285,10 +288,70 @@ def _known_state_table() -> str:
     return "\n".join(lines) + "\n"
 
 
+_FACE = {
+    "Functions": lambda thing: inspect.isfunction(thing) or inspect.ismodule(thing),
+    "Errors": lambda thing: inspect.isclass(thing) and issubclass(thing, Exception),
+    "Rigs and plans": lambda thing: inspect.isclass(thing) and thing.__module__.startswith("sinew.plan."),
+    "Laws": lambda thing: inspect.isclass(thing) and thing.__module__.startswith("sinew.mechanics."),
+    "Results and records": inspect.isclass,
+    "Values": lambda thing: True,
+}
+_MODULE = re.compile(r"\b(?:[a-z_]\w*\.)+(?=[A-Z])")
+
+
+def python_page() -> str:
+    """Return the page on `import sinew as sn`: every name of the face with its signature, words and example."""
+    left = {name: getattr(sinew, name) for name in dir(sinew) if not name.startswith("_")}
+    parts = [
+        f"{_NOTE}\n# Python\n\n`import sinew as sn` has these names; each loads when it is first used. "
+        "[How they work together](../how-to/notebook.md).\n"
+    ]
+    for group, belongs in _FACE.items():
+        parts.append(f"## {group}\n")
+        for name in [name for name, thing in left.items() if belongs(thing)]:
+            parts.append(_face_entry(name, left.pop(name)))
+    return "\n".join(parts)
+
+
+def _face_entry(name: str, thing: object) -> str:
+    """Return what a name of the face is, as Markdown: signature, what comes back, arguments, example."""
+    text = f"### `sn.{name}`\n\n"
+    if inspect.ismodule(thing):
+        inner = [one for one in vars(thing).values() if inspect.isfunction(one) and one.__module__ == thing.__name__]
+        inner = [one for one in inner if not one.__name__.startswith("_")]
+        rows = [f"- `sn.{name}.{one.__name__}`: {_first_line(one)}" for one in inner]
+        return text + f"{_first_line(thing)}\n\n" + "\n".join(rows) + "\n"
+    names: list[str] = list(getattr(thing, "__annotations__", {}))
+    if inspect.isfunction(thing):
+        called = _MODULE.sub("", f"{name}{inspect.signature(thing)}")
+        text += f"```python\n{called}\n```\n\n"
+        names = list(inspect.signature(thing).parameters)
+    if isinstance(thing, dict):
+        return text + "One of " + ", ".join(f"`{key}`" for key in thing) + ".\n"
+    prose, _, example = (inspect.getdoc(thing) or "").partition("\n>>> ")
+    any_name = "|".join(map(re.escape, names)) or "(?!)"
+    begins = re.compile(rf"(?:^|(?<=[.;] )|(?<=\n))((?:{any_name})(?:,\s(?:{any_name}))*):\s")
+    for paragraph in prose.strip().split("\n\n"):
+        said, *rest = begins.split("\n".join(line.strip() for line in paragraph.splitlines()))
+        last, raises = (rest[-1] if rest else ""), ""
+        if "\nRaises " in last:
+            rest[-1], _, raises = last.partition("\nRaises ")
+        text += f"{said.strip()}\n\n" if said.strip() else ""
+        for arguments, meaning in zip(rest[::2], rest[1::2], strict=True):
+            text += f"- **{' '.join(arguments.split())}**: {' '.join(meaning.split())}\n"
+        text += "\n" * bool(rest) + (f"Raises {raises}\n\n" if raises else "")
+    return text.rstrip() + "\n" + (f"\n```pycon\n>>> {example.strip()}\n```\n" if example else "")
+
+
+def _first_line(thing: object) -> str:
+    return (inspect.getdoc(thing) or "").splitlines()[0]
+
+
 def reference_pages() -> dict[str, str]:
     """Return the text of every generated page by its path inside the repository."""
     return {
         "docs/reference/cli.md": cli_page(),
+        "docs/reference/python.md": python_page(),
         "docs/reference/recording.md": recording_page(),
         "docs/reference/registers.md": registers_page(),
         "docs/reference/results.md": results_page(),

@@ -8,7 +8,7 @@ import io
 from typing import Any
 
 from docutils import nodes
-from matplotlib import mathtext
+from matplotlib import mathtext, rc_context
 from matplotlib.font_manager import FontProperties
 from sphinx.application import Sphinx
 
@@ -19,7 +19,8 @@ def _picture(equation: str) -> tuple[str, float]:
     """Return (SVG as a data address, depth below the baseline in points) of one line of mathematics."""
     font = FontProperties(size=_POINTS, math_fontfamily="stix")
     file = io.BytesIO()
-    depth = mathtext.math_to_image(f"${equation}$", file, prop=font, dpi=72, format="svg")
+    with rc_context({"savefig.transparent": True}):  # a dark page turns the strokes white
+        depth = mathtext.math_to_image(f"${equation}$", file, prop=font, dpi=72, format="svg")
     return "data:image/svg+xml;base64," + base64.b64encode(file.getvalue()).decode(), float(depth)
 
 

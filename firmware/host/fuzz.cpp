@@ -10,13 +10,13 @@
 #include "../node/node.h"
 #include "../node/parser.h"
 #include "../node/slave.h"
+#include "board.h"
 #include "still_chip.h"
 
 #include <algorithm>
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
-#include <deque>
 #include <memory>
 #include <vector>
 
@@ -44,38 +44,22 @@ private:
     uint64_t state_;
 };
 
-class Board final : public Clock, public Wire, public Store, public sinew::Board {
+class Board final : public Clock, public Inbox, public Memory, public sinew::Board {
 public:
     uint32_t now_us = 0;
-    std::deque<uint8_t> inbox;
     Bytes said;
     bool restarts = false;
     uint64_t bytes_said = 0;
 
     uint32_t micros() override { return now_us; }
-    int read() override {
-        if (inbox.empty()) return -1;
-        const int byte = inbox.front();
-        inbox.pop_front();
-        return byte;
-    }
     void write(const uint8_t* bytes, size_t size) override {
         said.insert(said.end(), bytes, bytes + size);
         bytes_said += size;
         now_us += static_cast<uint32_t>(size * 10);
     }
     void set_baud(uint32_t) override {}
-    bool load(uint8_t* bytes, size_t size) override {
-        if (kept_.size() != size) return false;
-        std::copy(kept_.begin(), kept_.end(), bytes);
-        return true;
-    }
-    void save(const uint8_t* bytes, size_t size) override { kept_.assign(bytes, bytes + size); }
     void restart() override { restarts = true; }
     void wait_ms(uint32_t) override {}
-
-private:
-    Bytes kept_;
 };
 
 void add_crc(Bytes& frame) {

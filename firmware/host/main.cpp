@@ -11,6 +11,7 @@
 #include "../node/chip.h"
 #include "../node/node.h"
 #include "../node/slave.h"
+#include "board.h"
 #include "still_chip.h"
 
 #include <algorithm>
@@ -18,7 +19,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <deque>
 #include <fcntl.h>
 #include <optional>
 #include <poll.h>
@@ -34,19 +34,6 @@ using namespace sinew;
 constexpr uint64_t kNever = UINT64_MAX;
 constexpr uint64_t kStartNs = 100'000'000;  // the board is deaf for so long after a start
 
-class Memory final : public Store {
-public:
-    bool load(uint8_t* bytes, size_t size) override {
-        if (kept_.size() != size) return false;
-        std::copy(kept_.begin(), kept_.end(), bytes);
-        return true;
-    }
-    void save(const uint8_t* bytes, size_t size) override { kept_.assign(bytes, bytes + size); }
-
-private:
-    std::vector<uint8_t> kept_;
-};
-
 void set_id(Clock& clock, Memory& memory, int id) {
     if (id < 0) return;
     Node node(clock, memory);
@@ -60,21 +47,14 @@ struct Burst {
     std::vector<uint8_t> bytes;
 };
 
-class VirtualBoard final : public Clock, public Wire, public Board {
+class VirtualBoard final : public Clock, public Inbox, public Board {
 public:
     uint64_t now_ns = 0;
     uint32_t baud = 0;
-    std::deque<uint8_t> inbox;
     std::vector<Burst> spoken;
     bool restarts = false;
 
     uint32_t micros() override { return static_cast<uint32_t>(now_ns / 1000); }
-    int read() override {
-        if (inbox.empty()) return -1;
-        const int byte = inbox.front();
-        inbox.pop_front();
-        return byte;
-    }
     void write(const uint8_t* bytes, size_t size) override {
         spoken.push_back({now_ns, {bytes, bytes + size}});
         now_ns += size * 10'000'000'000ull / baud;

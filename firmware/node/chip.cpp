@@ -53,14 +53,18 @@ bool Chip::begin() {
     return works_;
 }
 
+void Chip::wake(uint8_t power1, uint8_t power2, uint8_t user_control) {
+    write(power1, kReset);
+    board_.wait_ms(kResetMs);
+    write(power1, kClockPll);
+    write(user_control, kNoI2c);
+    write(power2, 0);
+    board_.wait_ms(kSettleMs);
+}
+
 void Chip::set_up_mpu9250() {
     using namespace mpu9250;
-    write(kPower1, kReset);
-    board_.wait_ms(kResetMs);
-    write(kPower1, kClockPll);
-    write(kUserControl, kNoI2c);
-    write(kPower2, 0);
-    board_.wait_ms(kSettleMs);
+    wake(kPower1, kPower2, kUserControl);
     write(kSampleDivider, 0);
     write(kConfig, 3);             // 41 Hz, 1 kHz
     write(kGyroConfig, 3 << 3);    // 2000 deg/s
@@ -73,12 +77,7 @@ void Chip::set_up_mpu9250() {
 
 void Chip::set_up_icm20648() {
     using namespace icm20648;
-    write(kPower1, kReset);
-    board_.wait_ms(kResetMs);
-    write(kPower1, kClockPll);
-    write(kUserControl, kNoI2c);
-    write(kPower2, 0);
-    board_.wait_ms(kSettleMs);
+    wake(kPower1, kPower2, kUserControl);
     write(kBank, kBank2);
     write(kGyroDivider, 0);
     write(kGyroConfig1, 3 << 3 | 3 << 1 | 1);  // 51.2 Hz, 2000 deg/s

@@ -24,6 +24,8 @@ private:
 
     uint8_t read(uint8_t place);
     void write(uint8_t place, uint8_t value);
+    // Resets the chip and starts its clock and sensors, by the places of three of its registers.
+    void wake(uint8_t power1, uint8_t power2, uint8_t user_control);
     void set_up_mpu9250();
     void set_up_icm20648();
     void take(uint32_t now_us);

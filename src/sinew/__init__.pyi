@@ -26,8 +26,8 @@ from sinew.measure.estimate import Estimate as Estimate
 from sinew.measure.files.csv import export_csv as export_csv
 from sinew.measure.files.netcdf import export_mat as export_mat
 from sinew.measure.files.netcdf import save_recording as save_recording
-from sinew.measure.look import Looked as Looked
-from sinew.measure.look import look as look
+from sinew.measure.read import Looked as Looked
+from sinew.measure.read import look as look
 from sinew.measure.read import read as read
 from sinew.mechanics.guides import Dahl as Dahl
 from sinew.mechanics.guides import MaxwellSlip as MaxwellSlip

@@ -12,7 +12,7 @@ import pytest
 from tests.browser.dashboard import Served, choose_plan, served
 from tests.contracts.emulated_bench import alone, rig_file
 
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.measure.files.netcdf import load_recording
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]

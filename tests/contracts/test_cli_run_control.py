@@ -17,7 +17,7 @@ from tests.contracts.virtual_run import interrupt, run, torques
 from tests.patience import LONG_S
 
 from sinew.apps.bench.run_control import ControlError, RunControl, send_control
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.bench.stops import Steering, StopReport
 from sinew.measure.events import Health
 from sinew.plan.toml import load_rig

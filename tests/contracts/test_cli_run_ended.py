@@ -14,7 +14,7 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import WatchedPort, rig_file, virtual_port
 from tests.contracts.virtual_run import RunHere, interrupt, run, spoken, torques
 
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.measure.events import Ended
 
 SIGNALS = {

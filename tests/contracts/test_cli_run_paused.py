@@ -14,7 +14,7 @@ import pytest
 from tests.contracts.virtual_run import RunHere, torques
 
 from sinew.apps import console
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.hardware.imu import Imu
 
 PULLING_S = 3.0

@@ -15,7 +15,7 @@ from tests.contracts.emulated_bench import PATIENCE, SINEW, STARTS, Playing, end
 from tests.patience import await_end, comes, finished
 
 from sinew.apps.cli import main
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.serial_port import SerialPort
 

@@ -15,9 +15,9 @@ from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
-    "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export", "gait",
-    "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce", "run", "serve",
-    "simulate", "stop", "track", "transfer", "tune", "workspace",
+    "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export",
+    "film", "gait", "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce",
+    "run", "serve", "simulate", "stop", "track", "transfer", "tune", "workspace",
 )  # fmt: skip
 
 
@@ -73,6 +73,7 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     simulate short --out x.nc --seed one => --seed
     analyse x.csv --kind decay --time t --response x => auto, ring-down, sweep, broadband, impact
     export x.nc --to xls --out x.xls => csv or mat
+    film x.nc --out x.gif --kind backwards => decay, sweep
     simulate short --out x.nc --without gravity => unknown effect 'gravity'
     analyse x.csv => cannot read x.csv
     analyse x.csv --gaps jump => --gaps is 'jump', expected one of refuse, split, bridge

@@ -12,8 +12,7 @@ from tests.contracts.virtual_run import spoken
 from tests.patience import finished, until
 
 from sinew.apps.cli import main
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 

@@ -17,8 +17,8 @@ from typing import Any, Protocol, cast
 import numpy as np
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.devices.device import Board, ControlTable
-from sinew.emulator.devices.imu_node import ImuNode
+from sinew.emulator.device import Board, ControlTable
+from sinew.emulator.imu_node import ImuNode
 from sinew.emulator.line import Line
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.identify.choice.comparison import Comparison, compare
-from sinew.identify.choice.held_out import split_record
+from sinew.identify.choice.comparison import Comparison, compare, split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import MODELS, VISCOUS, get_model

@@ -19,9 +19,8 @@ from sinew.mechanics.joint import State, rate
 from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.describing import describing_function, equivalent_of_rig
 from sinew.predict.joint import RESOLUTION, free_lever, joint_problem
-from sinew.predict.linear import linear_joints
+from sinew.predict.linear import describing_function, equivalent_of_rig, linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import follow_backbones
 from sinew.solve.balance import channels, embedded, grid, motion, slices, unknowns

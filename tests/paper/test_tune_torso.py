@@ -8,8 +8,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import load_material
 from sinew.tune.candidate import DesignTarget
-from sinew.tune.design import ENOUGH, Effort, design_joints
-from sinew.tune.proposal import plan_of
+from sinew.tune.design import ENOUGH, Effort, design_joints, plan_of
 
 RIG = load_rig("paper")
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

@@ -16,7 +16,7 @@ from tests.unit.bench_journal import PLAN, RIG
 
 from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import segment_slices
 

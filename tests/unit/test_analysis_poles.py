@@ -9,7 +9,7 @@ from scipy import signal
 from tests.unit.broadband_signals import response_of
 
 from sinew.analysis.broadband.poles import PoleFit, fit_poles, fit_poles_of
-from sinew.analysis.sweep.rational import RationalCurve, fit_curve, parameter_spread
+from sinew.analysis.sweep.resonance import RationalCurve, fit_curve, parameter_spread
 from sinew.measure.errors import RecordingError
 
 BEAM = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine" / "stepped_sine.csv"

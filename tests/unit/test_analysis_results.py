@@ -11,7 +11,7 @@ from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 from tests.unit.figures_sample import foreign_ring_down
 
 from sinew.analysis.analysed import analyse_recording, join_parts, response_table_json
-from sinew.analysis.sweep.saturation import gain_map
+from sinew.analysis.sweep.response import gain_map
 from sinew.measure.errors import RecordingError, SchemaError
 from sinew.measure.files.netcdf import content_hash, load_dataset, load_results, save_dataset
 from sinew.measure.schema import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinew.analysis.sweep.saturation import fit_saturation
+from sinew.analysis.sweep.response import fit_saturation
 from sinew.measure.errors import RecordingError
 
 PRETENSION_MM = np.arange(0.0, 17.0)

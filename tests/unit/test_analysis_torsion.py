@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
+from sinew.analysis.signal.attitude import integrate_rate, steady_motion
 from sinew.analysis.signal.signals import response_channel
-from sinew.analysis.signal.torsion import integrate_rate, steady_motion
 from sinew.analysis.sweep.portrait import fit_ellipse
 from sinew.measure.errors import RecordingError
 

@@ -11,12 +11,11 @@ from tests.unit.figures_panels import bars, drawn
 from sinew.figures.style import save_figure
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import Answer, Cell
-from sinew.paper.answers.bent import COUPLING, ENGINE, RESONANCE
+from sinew.paper.answers.bent import ASYMMETRY, CARRYING, COUPLING, ENGINE, RESONANCE
 from sinew.paper.answers.of_rig import CAPTIONS, draw_rig_answer
-from sinew.paper.answers.poses import ASYMMETRY, CARRYING
 from sinew.paper.report import write_rig_answers
 from sinew.plan.toml import load_rig
-from sinew.predict.poses.load import at_least_zero
+from sinew.predict.workspace import at_least_zero
 
 COLUMNS = {
     RESONANCE: ("relative_shift", "slack_tendons"),

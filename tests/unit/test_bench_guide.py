@@ -8,11 +8,10 @@ import pytest
 from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding
-from sinew.bench.guide.steps import STEPS, Guide, Step, arrange, lead, turned_frame
-from sinew.emulator.found import VirtualPort
+from sinew.bench.guide import STEPS, Guide, Step, arrange, lead, turned_frame
+from sinew.emulator.found import Hands, VirtualPort, draw_unbuilt
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unbuilt import Hands, draw_unbuilt
 from sinew.hardware.bus import Bus, BusTiming, Clock
 from sinew.hardware.registers import BAUD_RATES
 from sinew.hardware.rig import Rig

@@ -17,8 +17,7 @@ import pytest
 from tests.patience import finished, until
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
 
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import MISSING, Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
 from sinew.measure.events import Pulled

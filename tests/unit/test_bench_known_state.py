@@ -11,8 +11,7 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.bench.doctor import call_roll, examine_motors
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.run import Runner
 from sinew.bench.stops import stop
 from sinew.hardware.configuration import KNOWN_STATE, Post, read_counts, unfit_settings

@@ -6,8 +6,7 @@ import pytest
 from tests.patience import LONG_S
 from tests.unit.bench_journal import PLAN, Node, cycles
 
-from sinew.bench.record.listeners import Stream
-from sinew.bench.record.sample import Sample
+from sinew.bench.record.sample import Sample, Stream
 from sinew.measure.events import Ended, Event
 
 SAMPLES = cycles(PLAN.groups()[0], 0.0, Node())

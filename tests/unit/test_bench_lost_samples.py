@@ -6,7 +6,7 @@ import pytest
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
 from sinew.apps.bench.bench_run import print_run, run_document
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import JournalReader
 from sinew.bench.run import RunReport
 from sinew.plan.toml import load_rig, parse_plan
 

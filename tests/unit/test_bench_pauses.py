@@ -13,8 +13,7 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
 from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import Steering

@@ -10,8 +10,7 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
 from sinew.bench.group import MOVE_SPEED, DriveLaw
 from sinew.bench.record.conversion import recording_from_journal
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.run import Runner, RunReport
 from sinew.measure.events import Track as State
 from sinew.plan.plan import Group, Plan, Pretension, Track

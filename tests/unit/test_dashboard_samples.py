@@ -11,8 +11,7 @@ from tests.unit.dashboard_journal import run_folder
 
 from sinew.apps.dashboard.work import samples
 from sinew.apps.dashboard.work.results import recording_of
-from sinew.bench.record.journal import Journal
-from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.emulator.devices.device import ControlTable
+from sinew.emulator.device import ControlTable
 from sinew.hardware.registers import OPENCR_NODE, XH430_W350, XM430_W350
 
 RANGE, LENGTH, ACCESS = 4, 5, 7

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.devices.imu_node import ImuNode
+from sinew.emulator.imu_node import ImuNode
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status

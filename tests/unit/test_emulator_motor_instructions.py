@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.unit.emulator_motor_bench import ACCESS, LENGTH, UNKNOWN, M, running, say
 from tests.unit.emulator_stand_in import Bench, StandIn
 
-from sinew.emulator.devices.motor import Motor
+from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.bus import Outcome

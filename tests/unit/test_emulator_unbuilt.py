@@ -5,10 +5,9 @@ import math
 import pytest
 from tests.unit.emulator_stand_in import paper_rig
 
-from sinew.emulator.found import VirtualPort
+from sinew.emulator.found import EYE, KINDS, Hands, Unbuilt, VirtualPort, draw_unbuilt, parse_kinds
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unbuilt import EYE, KINDS, Hands, Unbuilt, draw_unbuilt, parse_kinds
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.measure.errors import SpecError
 

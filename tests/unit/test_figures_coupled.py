@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.figures.coupled import draw_waterfall, write_bent
+from sinew.figures.space import draw_waterfall, write_bent
 from sinew.plan.pose import Pose
 from sinew.plan.toml import load_rig
 from sinew.predict.coupled import Coupled, Motions, PredictedBent

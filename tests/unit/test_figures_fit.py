@@ -13,8 +13,17 @@ from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
-from sinew.figures.fit.corner import Cloud, cloud_of, draw_corner, ellipse
-from sinew.figures.fit.data import (
+from sinew.figures.fit import (
+    FIT_CAPTIONS,
+    Cloud,
+    autocorrelation,
+    cloud_of,
+    draw_corner,
+    draw_residuals,
+    ellipse,
+    write_fit_page,
+)
+from sinew.figures.fit_data import (
     Trace,
     axis_label,
     draw_backbone,
@@ -24,8 +33,7 @@ from sinew.figures.fit.data import (
     traces_of,
     value_and_std,
 )
-from sinew.figures.fit.page import FIT_CAPTIONS, autocorrelation, draw_residuals, write_fit_page
-from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, split_record
+from sinew.identify.choice.comparison import HeldOut, Split, fit_and_predict, split_record
 from sinew.identify.oscillator.backbone import fit_backbone
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit, swing_of

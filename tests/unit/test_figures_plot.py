@@ -10,8 +10,7 @@ from tests.unit.figures_sample import SMALL
 
 import sinew as sn
 from sinew.measure.estimate import Estimate
-from sinew.tune.pretension import Reachable, Setting, Tuning
-from sinew.tune.resonance import Resonance, Swing
+from sinew.tune.pretension import Reachable, Resonance, Setting, Swing, Tuning
 
 
 def test_the_phase_is_the_lag_over_frequency_in_degrees() -> None:

@@ -4,7 +4,7 @@ import pytest
 from tests.unit.emulator_stand_in import Bench
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
-from sinew.emulator.devices.motor import Motor as EmulatedMotor
+from sinew.emulator.motor import Motor as EmulatedMotor
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.registers import (

@@ -21,8 +21,7 @@ from sinew.identify.joint.calibration import Source, calibrate_rig, calibrated_r
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
 from sinew.paper.numbers import FREE, TARGETS, Scale, is_met, misfit, rig_with, scale_of
-from sinew.paper.posterior import PaperPosterior, rest_stiffness, summarise_draws
-from sinew.paper.sampler import Draws, Effort, sample_posterior
+from sinew.paper.posterior import Draws, Effort, PaperPosterior, rest_stiffness, sample_posterior, summarise_draws
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig

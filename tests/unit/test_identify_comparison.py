@@ -16,9 +16,10 @@ from sinew.identify.choice.comparison import (
     compare,
     compare_laws,
     criterion,
+    fit_and_predict,
     impossible_numbers,
+    split_record,
 )
-from sinew.identify.choice.held_out import fit_and_predict, split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.model import MODELS
 from sinew.identify.oscillator.record import Record, make_record

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from campaigns.impulses import Struck, struck_record
 
-from sinew.identify.choice.held_out import split_record
+from sinew.identify.choice.comparison import split_record
 from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.fit import fit

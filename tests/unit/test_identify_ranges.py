@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sinew.identify.choice.comparison import split_record
 from sinew.identify.choice.diagnosis import _in_hand
-from sinew.identify.choice.held_out import split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.model import MODELS
 from sinew.identify.oscillator.record import make_record

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.identify.choice.comparison import Comparison, compare_segments, varying_mechanics
-from sinew.identify.choice.held_out import predict
+from sinew.identify.choice.comparison import Comparison, compare_segments, predict, varying_mechanics
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import SpecError

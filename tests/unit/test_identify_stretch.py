@@ -7,8 +7,7 @@ import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
 import sinew as sn
-from sinew.identify.choice.stretch import cut_to, find_decays, free_part, telling, unwrapped
-from sinew.identify.oscillator.record import Record, make_record
+from sinew.identify.oscillator.record import Record, cut_to, find_decays, free_part, make_record, telling, unwrapped
 from sinew.measure.errors import RecordingError, TimeError
 
 TIME = np.arange(0, 6, 0.01)

@@ -24,7 +24,7 @@ from tests.unit.dialects import (
 from sinew.measure.errors import SinewError
 from sinew.measure.files.csv import import_csv, read_table
 from sinew.measure.files.runs import notes_of
-from sinew.measure.look import look
+from sinew.measure.read import look
 from sinew.measure.units import canonical_unit
 
 ALL = [pytest.param(one, id=one.name) for one in DIALECTS]

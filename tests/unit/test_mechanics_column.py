@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from benchmarks.solid_bending import EXACT_LOADS
 
-from sinew.mechanics.column import SHORTEST, column_load, column_stretch
+from sinew.mechanics.rod import SHORTEST, column_load, column_stretch
 from sinew.mechanics.silicone import compressive_load
 
 

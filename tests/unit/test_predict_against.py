@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from tests.unit.prony import complex_stiffness
 
-from sinew.analysis.signal.torsion import LeverMotion, measure_lever
+from sinew.analysis.signal.attitude import LeverMotion, measure_lever
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.recording import Segment, build_recording

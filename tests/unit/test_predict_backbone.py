@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from scipy.special import ellipk
 
 from sinew.apps.cli import main
-from sinew.predict.describing import equivalent_of_oscillator, harmonic_shares
+from sinew.predict.linear import equivalent_of_oscillator, harmonic_shares
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import Backbone, follow_backbones
 from sinew.solve.branch import Branch

@@ -10,14 +10,14 @@ from tests.contracts.commands import command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
-from sinew.mechanics.column import column_load
+from sinew.mechanics.rod import column_load
 from sinew.plan.pose import Pose
 from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
 from sinew.predict.joints.section import ellipse_section
-from sinew.predict.poses.pose import Asked, find_pose, surface_strain
-from sinew.predict.poses.workspace import VERDICTS, map_workspace
+from sinew.predict.pose import Asked, find_pose, surface_strain
 from sinew.predict.preview import preview_plan
+from sinew.predict.workspace import VERDICTS, map_workspace
 from sinew.twin.parameters import space_from_rig
 
 RIG = load_rig("paper")

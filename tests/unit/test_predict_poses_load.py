@@ -10,12 +10,12 @@ from scipy.optimize import minimize
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import Cell
-from sinew.paper.answers.poses import answer_asymmetry, answer_carrying
+from sinew.paper.answers.bent import answer_asymmetry, answer_carrying
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.poses.load import PAYLOAD_HEIGHT, carried_mass, tilt_stiffness, with_bounds
-from sinew.predict.poses.pose import Asked, find_pose
+from sinew.predict.pose import Asked, find_pose
+from sinew.predict.workspace import PAYLOAD_HEIGHT, carried_mass, tilt_stiffness, with_bounds
 
 RIG = load_rig("paper")
 MM = 12.0

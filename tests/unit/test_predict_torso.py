@@ -7,7 +7,7 @@ import pytest
 
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.mechanics.column import column_load
+from sinew.mechanics.rod import column_load
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.validity import (

@@ -15,7 +15,7 @@ from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import blocks_of, nondominated, run_tasks, search_block, spread_out
-from sinew.tune.resonance import Swing, find_resonances
+from sinew.tune.pretension import Swing, find_resonances
 from sinew.twin.cache import configure
 
 RIG = load_rig("paper")

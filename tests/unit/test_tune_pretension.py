@@ -10,8 +10,7 @@ from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import draw_rigs
 from sinew.tune.candidate import drive_load
-from sinew.tune.pretension import Tuning, find_reachable, tune_pretension
-from sinew.tune.resonance import Swing, find_resonances
+from sinew.tune.pretension import Swing, Tuning, find_reachable, find_resonances, tune_pretension
 
 pytestmark = pytest.mark.slow
 

@@ -5,8 +5,7 @@ at the end while the response decays, stretches of one frequency, or power over 
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
@@ -41,16 +40,14 @@ _COHERENT = 0.5
 _SHORTEST = 64  # samples
 
 
-@dataclass(frozen=True)
-class FoundKind:
+class FoundKind(NamedTuple):
     """Which kind a record is, and by what that was told, in half a sentence."""
 
     kind: RecordKind
     reason: str
 
 
-@dataclass(frozen=True)
-class _Decay:
+class _Decay(NamedTuple):
     """Swings that fall: the largest over the last, the half period [s], how many; whether they do fall."""
 
     ratio: float

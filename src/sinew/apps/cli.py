@@ -7,17 +7,16 @@ traceback.
 
 import os
 import sys
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
 
 from sinew import __version__
-from sinew.apps.bench import check, doctor, emulate, run, serve, track
+from sinew.apps.bench import doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, joint, modes, pose, predict, transfer, tune
-from sinew.apps.recordings import analyse, convert, current, gait, identify, reproduce, simulate
+from sinew.apps.joints import calibrate, design, pose, predict, transfer
+from sinew.apps.recordings import analyse, convert, film, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -28,60 +27,52 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-_command = partial(app.command, cls=NumbersCommand)
-_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
-_command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
-    simulate.simulate
-)
-_command(epilog="Example: sinew look swing.csv")(convert.look)
-_command(
-    epilog="Example: sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp"
-    "\n\nExample: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json"
-)(analyse.analyse)
-_command(epilog="Example: sinew current out/bench/recording.nc")(current.current)
-_command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json")(
-    identify.identify
-)
-_command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
-    calibrate.calibrate
-)
-_command(
-    epilog="Example: sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2"
-    "\n\nExample: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json"
-)(predict.predict)
-_command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
-    transfer.transfer
-)
-_command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html")(
-    modes.modes
-)
-_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
-_command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(predict.compare)
-_command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
-_command(epilog="Example: sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png")(pose.pose)
-_command(epilog="Example: sinew workspace paper --pretension-mm 0,6,12 --step-deg 4 --out workspace.png")(
-    pose.workspace
-)
-_command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
-_command(epilog="Example: sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso")(
-    design.design
-)
-_command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(reproduce.answer)
-_command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
-    convert.import_
-)
-_command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
-_command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
-_command(
-    epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix"
-    "\n\nExample: sinew doctor --port /dev/ttyUSB0 --guide my-rig.toml"
-)(doctor.doctor)
-_command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
-_command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
-_command(epilog="Example: sinew serve --emulate --runs runs")(serve.serve)
-_command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
-_command(epilog="Example: sinew report out/paper")(reproduce.report)
-_command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)
+
+COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
+    simulate.check: ("sinew check plans/paper.toml --rig rigs/paper.toml",),
+    simulate.simulate: ("sinew simulate short --rig paper --out run/recording.nc --without guide_friction",),
+    convert.look: ("sinew look swing.csv",),
+    analyse.analyse: (
+        "sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp",
+        "sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json",
+    ),
+    analyse.current: ("sinew current out/bench/recording.nc",),
+    identify.identify: ("sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json",),
+    calibrate.calibrate: ("sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml",),
+    predict.predict: (
+        "sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2",
+        "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
+    ),
+    transfer.transfer: ("sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat",),
+    pose.modes: ("sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html",),
+    design.joint: ("sinew joint --section circle --outer-mm 60 --out sixty.toml",),
+    predict.compare: ("sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared",),
+    design.tune: ("sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json",),
+    pose.pose: ("sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png",),
+    pose.workspace: ("sinew workspace paper --pretension-mm 0,6,12 --step-deg 4 --out workspace.png",),
+    gait.gait: ("sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait",),
+    design.design: ("sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso",),
+    reproduce.answer: ("sinew answer out/paper/recording.nc --out out/paper",),
+    convert.import_: ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
+    convert.export: ("sinew export run/recording.nc --to mat --out run/recording.mat",),
+    film.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
+    emulate.emulate: ("sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1",),
+    doctor.doctor: (
+        "sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix",
+        "sinew doctor --port /dev/ttyUSB0 --guide my-rig.toml",
+    ),
+    run.run: ("sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench",),
+    track.track: ("sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone",),
+    serve.serve: ("sinew serve --emulate --runs runs",),
+    run.stop: ("sinew stop --port /dev/ttyUSB0 --state release",),
+    reproduce.report: ("sinew report out/paper",),
+    reproduce.reproduce: ("sinew reproduce --out out/paper --seed 1",),
+}
+"""The commands in the order in which they are listed, each with examples."""
+
+for _function, _examples in COMMANDS.items():
+    _epilog = "\n\n".join(f"Example: {one}" for one in _examples)
+    app.command(_function.__name__.rstrip("_"), cls=NumbersCommand, epilog=_epilog)(_function)
 
 
 @app.callback(invoke_without_command=True)

@@ -61,6 +61,14 @@ def print_told(told: Iterable[Table | str]) -> None:
             print(one)
 
 
+def print_result(document: object, told: Iterable[Table | str], written: str = "", *, json: bool) -> None:
+    """Print a result on stdout: its document alone, or what it tells and what was written."""
+    if json:
+        print_json(document)
+    else:
+        print_told([*told, written] if written else told)
+
+
 def remark(sentence: str) -> None:
     """Print a remark on stderr, where it does not disturb what a pipe reads."""
     sys.stderr.write(f"sinew: {' '.join(sentence.split())}\n")

@@ -16,8 +16,7 @@ from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, Held, MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.conversion import group_is_whole
 from sinew.bench.record.journal import Journal
-from sinew.bench.record.listeners import Listener
-from sinew.bench.record.sample import Sample
+from sinew.bench.record.sample import Listener, Sample
 from sinew.bench.stops import Steering, StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Bus, Clock

@@ -215,7 +215,7 @@ def _value(text: str, key: str, said: str, row: FaultKey, kind: FaultKind) -> fl
 _STEP = 0.05
 """How often a fault that goes on is seen to [s]."""
 _OVERLOAD_TIME = 1.0
-"""How long a motor bears too much load [s], as in `sinew.emulator.devices.motor`."""
+"""How long a motor bears too much load [s], as in `sinew.emulator.motor`."""
 
 Arrivals = list[tuple[float, bytes]]
 

@@ -9,9 +9,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sinew.emulator.joint import TICK_S, Kind, Layout, joint_of, layout, move_on, steps_per_tick
+from sinew.emulator.joint import (
+    TICK_S,
+    Form,
+    Kind,
+    Layout,
+    hanging,
+    joint_of,
+    layout,
+    move_on,
+    move_on_in_space,
+    space_layout,
+    space_of,
+    steps_per_tick,
+)
 from sinew.emulator.plant import HornMotion, Law, Motion
-from sinew.emulator.space_joint import Form, hanging, move_on_in_space, space_layout, space_of
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sinew.emulator.devices.device import Device
+from sinew.emulator.device import Device
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
     BROADCAST,

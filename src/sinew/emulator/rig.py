@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinew.emulator.devices.imu_node import ImuNode, SensorBoard
-from sinew.emulator.devices.motor import Motor
+from sinew.emulator.imu_node import ImuNode, SensorBoard
 from sinew.emulator.line import Line
+from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
 from sinew.hardware.registers import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError

@@ -11,8 +11,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from sinew.analysis.signal.attitude import integrate_rate, steady_motion
 from sinew.analysis.signal.signals import delay_budget, drive_channel, response_channel, torsion_delay
-from sinew.analysis.signal.torsion import integrate_rate, steady_motion
 from sinew.analysis.sweep.portrait import Ellipse, fit_ellipse, phase_portrait
 from sinew.figures.style import (
     ACCENT,

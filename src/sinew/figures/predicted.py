@@ -111,6 +111,7 @@ def draw_gains(axes: Axes, curves: Curves) -> Axes:
     axes.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     axes.set(xlabel="drive frequency in Hz", ylabel="gain: torsion amplitude / command")
     axes.margins(x=0, y=0.2)
+    axes.set_ylim(bottom=0)
     return axes
 
 

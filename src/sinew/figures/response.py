@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from scipy.interpolate import PchipInterpolator
 
 from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
-from sinew.analysis.sweep.saturation import gain_map
+from sinew.analysis.sweep.response import gain_map
 from sinew.figures.motion import Group, at_pretension, drive_of, groups_of, rig_of
 from sinew.figures.style import (
     ACCENT,

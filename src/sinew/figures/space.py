@@ -1,19 +1,20 @@
-"""Figures and page of a joint in space: modes over pretension and bend, coupling, and shapes that move."""
+"""Figures and page of a joint in space: modes, coupling, shapes that move, bent poses and responses."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from sinew.figures.page import Caption, Table, own_script, pictures, write_page
 from sinew.figures.style import (
@@ -31,14 +32,22 @@ from sinew.figures.style import (
     pretension_colours,
     save_figure,
 )
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.estimate import number
 from sinew.measure.told import Table as ToldTable
 from sinew.mechanics.rod import STRAINS, TERMS, rod_poses
 from sinew.mechanics.space import Space
 from sinew.mechanics.tendons import guide_points
+from sinew.plan.pose import bend_of_swing
 from sinew.plan.rig import RigSpec
+from sinew.predict.coupled import Coupled, Motions, PredictedBent
 from sinew.predict.modes import FoundMode, Modes, PoseModes
+from sinew.solve.branch import Branch
+
+if TYPE_CHECKING:
+    from sinew.predict.pose import Posed
+    from sinew.predict.workspace import Workspace
+
 
 _TOP_HZ = 13.0
 _SHAPES = 4
@@ -359,3 +368,263 @@ def moving_document(found: Modes) -> Mapping[str, Any]:
             modes.append({"at": [np.rint(1e4 * one).astype(int).ravel().tolist() for one in flat]})
         poses.append({"modes": modes, "slack": (pose.tension_n <= 0).tolist()})
     return {"parts": parts, "sizes": sizes, "poses": poses}
+
+
+# ---- figures of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension; over
+# some pretensions also a waterfall of torsion and sway.
+
+
+_DASHES = (0, (2, 1.5))
+
+
+def _parted(row: Array, branch: Branch) -> Array:
+    """Return numbers along a curve with a NaN where points were left out."""
+    return np.insert(row, branch.holes, np.nan)
+
+
+def _line(axes: Axes, y: Array, branch: Branch, colour: Sequence[float]) -> None:
+    """Draw a curve, dashed where the motion is not stable."""
+    for keep, style in ((branch.stable, "-"), (~branch.stable, _DASHES)):
+        if keep.any():
+            wide = keep | np.roll(keep, 1) & (np.arange(keep.size) > 0)  # so that the parts meet
+            shown = _parted(np.where(wide, y, np.nan), branch)
+            axes.plot(_parted(branch.frequency_hz, branch), shown, color=colour, linestyle=style, linewidth=1.2)
+
+
+def _band(axes: Axes, low: Array, high: Array, branch: Branch, colour: Sequence[float], alpha: float) -> None:
+    """Fill what lies between two rows along a curve; over one that folds back it would cover itself."""
+    if branch.folds == ():
+        x, below, above = (_parted(row, branch) for row in (branch.frequency_hz, low, high))
+        axes.fill_between(x, below, above, color=colour, alpha=alpha, linewidth=0)
+
+
+@in_style
+def draw_bent(found: PredictedBent) -> Figure:
+    """Return the response of a bent joint: torsion, tilt across, tilt in the plane at 2f, tensions of the tendons."""
+    figure = new_figure(5.0)
+    panels = figure.subplots(2, 2, sharex=True)
+    torsion, across, twice, pulls = panels.ravel()
+    pretensions = [one.pretension_mm for one in found.curves]
+    for one, colour in zip(found.curves, pretension_colours(pretensions), strict=True):
+        _curve((torsion, across, twice, pulls), one, tuple(colour))
+    torsion.set(ylabel="torsion in degrees")
+    across.set(ylabel="tilt across in degrees")
+    twice.set(xlabel="frequency in Hz", ylabel="tilt in the plane in degrees")
+    pulls.set(xlabel="frequency in Hz", ylabel="tension of a tendon in N")
+    for axes in (torsion, across, twice, pulls):
+        axes.set_ylim(bottom=0)
+        axes.set_xlim(*found.band_hz)
+    note_panel(torsion, "a", "torsion of the head, f")
+    note_panel(across, "b", "tilt across the bend, f")
+    note_panel(twice, "c", "tilt in the plane of the bend, 2f")
+    note_panel(pulls, "d", "lowest and highest tension of any tendon")
+    keys = [Line2D([], [], color=GREY, label="largest torsion", marker="o", linestyle="", mfc="white")]
+    if any(not one.branch.stable.all() for one in found.curves):
+        keys.append(Line2D([], [], color=INK, linestyle=_DASHES, label="not stable"))
+    figure.legend(handles=keys, loc="outside lower center", ncols=2)
+    figure.suptitle(f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°", fontsize=8.5, x=0.01, ha="left")
+    if len(pretensions) > 1:
+        pretension_bar(figure, list(panels.ravel()), np.array(pretensions))
+    return figure
+
+
+def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Sequence[float]) -> None:
+    torsion, across, twice, pulls = panels
+    seen, peak = one.seen, one.peak
+    tops = (None,) * 3 if peak is None else (peak.torsion, peak.across, peak.twice)
+    rows = (np.abs(seen.torsion[:, 1]), np.abs(seen.across[:, 1]), np.abs(seen.in_plane[:, 2]))
+    for axes, row, top in zip((torsion, across, twice), rows, tops, strict=True):
+        _line(axes, np.degrees(row), one.branch, colour)
+        if peak is not None and top is not None:
+            axes.plot(peak.frequency_hz, np.degrees(top), "o", color=colour, mfc="white", markersize=4.5)
+    low, high = seen.tension[:, :, 0].min(axis=1), seen.tension[:, :, 1].max(axis=1)
+    for row in (low, high):
+        _line(pulls, row, one.branch, colour)
+    _band(pulls, low, high, one.branch, colour, 0.12)
+
+
+_ROOM = 1.4  # of the highest crest, in steps of pretension
+
+_RISING: dict[str, Callable[[Motions], Complexes]] = {
+    "torsion of the head, f": lambda seen: seen.torsion[:, 1],
+    "tilt in the plane of the bend, 2f": lambda seen: seen.in_plane[:, 2],
+}
+
+
+@in_style
+def draw_waterfall(found: PredictedBent) -> Figure:
+    """Return torsion at f and tilt in the plane at 2f over frequency, each curve on the line of its pretension."""
+    figure = new_figure(4.6)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    pretensions = np.array([one.pretension_mm for one in found.curves])
+    step = float(np.ptp(pretensions)) / max(pretensions.size - 1, 1) or 1.0
+    curves = sorted(
+        zip(found.curves, pretension_colours(pretensions), strict=True), key=lambda one: -one[0].pretension_mm
+    )
+    for axes, letter, (title, of) in zip(panels, "ab", _RISING.items(), strict=True):
+        rows = [np.degrees(np.abs(of(one.seen))) for one, _ in curves]
+        scale = _ROOM * step / (max(float(row.max(initial=0.0)) for row in rows) or 1.0)
+        for (one, colour), row in zip(curves, rows, strict=True):  # the lower lines in front
+            _rise(axes, one, scale * row, row, tuple(colour))
+        axes.set(xlabel="frequency in Hz", xlim=found.band_hz, yticks=pretensions)
+        axes.set_ylim(pretensions.min() - 0.1 * step, pretensions.max() + (_ROOM + 0.25) * step)
+        axes.grid(visible=False, axis="y")
+        note_panel(axes, letter, title)
+    panels[0].set_ylabel("pretension in mm")
+    if any(not one.branch.stable.all() for one in found.curves):
+        figure.legend(
+            handles=[Line2D([], [], color=INK, linestyle=_DASHES, label="not stable")], loc="outside lower center"
+        )
+    told = f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°; numbers: highest of each curve"
+    figure.suptitle(told, fontsize=8.5, x=0.01, ha="left")
+    return figure
+
+
+def _rise(axes: Axes, one: Coupled, raised: Array, row_deg: Array, colour: Sequence[float]) -> None:
+    """Draw a curve on the line of its pretension, by as much above it as `raised` says, its crest named in degrees."""
+    hz, base = one.branch.frequency_hz, one.pretension_mm
+    axes.axhline(base, color=GREY, linewidth=0.5)
+    if hz.size == 0:
+        return
+    _band(axes, np.full(hz.size, base), base + raised, one.branch, colour, 0.18)
+    _line(axes, base + raised, one.branch, colour)
+    top = int(np.argmax(row_deg))
+    place = (hz[top], base + raised[top])
+    axes.annotate(
+        f"{row_deg[top]:.2g}°",
+        place,
+        (0, 3),
+        textcoords="offset points",
+        ha="center",
+        fontsize=7.5,
+        annotation_clip=False,
+    )
+
+
+_FEWEST = 3  # pretensions of a waterfall
+
+
+def write_bent(found: PredictedBent, path: Path) -> list[Path]:
+    """Write the figure of a bent joint's response, beside it the waterfall where there are three pretensions or more,
+    with `-waterfall` behind the name, and return the paths. Raises FileError where the folder cannot be written."""
+    figures = {"": draw_bent(found)}
+    if len(found.curves) >= _FEWEST:
+        figures["-waterfall"] = draw_waterfall(found)
+    return [
+        file
+        for ending, figure in figures.items()
+        for file in save_figure(figure, path.parent, f"{path.stem}{ending}", (path.suffix[1:],))
+    ]
+
+
+# ---- figures of a joint that bends: the bent silicone with its tendons, and how far it may be bent
+
+
+_APART_MM = 6.0
+"""Distance in the picture below which two tendons share a label."""
+
+
+@in_style
+def draw_pose(posed: "Posed") -> Figure | None:
+    """Return a side view of the bent silicone with its tendons, in the plane of its bend, and what each pulls; None
+    where there is no pose."""
+    if posed.rest is None or posed.shape is None:
+        return None
+    figure = new_figure(3.4)
+    view, pulls = figure.subplots(1, 2, width_ratios=(1.3, 1.0))
+    _draw_side(view, posed)
+    _draw_pulls(pulls, posed)
+    return figure
+
+
+def _draw_side(axes: Axes, posed: "Posed") -> None:
+    shape, rig = posed.shape, posed.rig
+    assert shape is not None
+    assert posed.rest is not None
+    azimuth = bend_of_swing(*map(float, posed.rest.at.tilt))[1]
+    aside = np.array([0.0, math.cos(azimuth), math.sin(azimuth)])
+
+    def flat(points: Any) -> tuple[Any, Any]:
+        return 1e3 * (points @ aside), 1e3 * points[..., 0]
+
+    reach = rig.support(np.array([azimuth + math.pi, azimuth])) / math.sqrt(1 + float(posed.rest.q[3, 0]))
+    across = shape.turns @ aside
+    left, right = (flat(shape.line + side * radius * across) for side, radius in zip((-1, 1), reach, strict=True))
+    axes.fill(np.r_[left[0], right[0][::-1]], np.r_[left[1], right[1][::-1]], color=GREY, alpha=0.25, linewidth=0)
+    axes.plot(*flat(shape.line), color=GREY, linewidth=0.9, linestyle=(0, (6, 3)))
+    for station in (0, -1):
+        ends = shape.line[station] + np.outer(1.15 * reach * [-1, 1], shape.turns[station] @ aside)
+        axes.plot(*flat(ends), color=INK, linewidth=2.5, solid_capstyle="butt")
+    above: dict[tuple[float, float], list[str]] = {}  # tendons that lie behind one another share a label
+    for i, chord in enumerate(shape.chords):
+        slack = posed.rest.at.tension[i] <= 0
+        x, y = flat(chord)
+        axes.plot(x, y, color=RED if slack else ACCENT, linestyle=(0, (3, 2)) if slack else "-", linewidth=1.4)
+        end = next((one for one in above if math.dist(one, (x[1], y[1])) < _APART_MM), (float(x[1]), float(y[1])))
+        above.setdefault(end, []).append(str(i + 1))
+    for end, names in above.items():
+        axes.annotate(
+            ", ".join(names), end, xytext=(0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=8.0
+        )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel=f"towards {math.degrees(azimuth):.0f}° in mm", ylabel="along x in mm")
+    note_panel(axes, "a", "in the plane of the bend")
+
+
+def _draw_pulls(axes: Axes, posed: "Posed") -> None:
+    assert posed.rest is not None
+    tension = posed.rest.at.tension
+    names = [str(i + 1) for i in range(len(tension))]
+    axes.bar(names, tension, color=[RED if pull <= 0 else ACCENT for pull in tension], width=0.6)
+    for i, (pull, take_up) in enumerate(zip(tension, 1e3 * posed.rest.take_up, strict=True)):
+        axes.annotate(
+            f"{pull:.0f} N\n{take_up:.1f} mm", (i, pull), xytext=(0, 3), textcoords="offset points", ha="center"
+        )
+    axes.set(xlabel="tendon", ylabel="tension in N", ylim=(0, 1.3 * max(float(np.max(tension)), 1.0)))
+    note_panel(axes, "b", "tension and take-up")
+
+
+_VERDICT_COLOURS = ("#bfe3c6", "#f4e3a1", "#f2b28c", "#c9b5dc", "#e59aa0", "#9a9a9a", "#4d4d4d")
+_COLUMNS = 3
+
+
+@in_style
+def draw_workspace(found: "Workspace") -> Figure:
+    """Return the maps of a joint's poses over roll and pitch, one panel for each pretension, with lines of the highest
+    tension in newtons."""
+    from sinew.predict.workspace import OUTSIDE, VERDICTS
+
+    count = len(found.pretension_mm)
+    columns = min(count, _COLUMNS)
+    rows = math.ceil(count / columns)
+    figure = new_figure(0.6 + 2.5 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    colours, norm = (
+        ListedColormap(_VERDICT_COLOURS),
+        BoundaryNorm(np.arange(len(_VERDICT_COLOURS) + 1) - 0.5, len(_VERDICT_COLOURS)),
+    )
+    for index, axes in enumerate(panels.flat):
+        if index >= count:
+            axes.set_axis_off()
+            continue
+        verdict = np.ma.masked_equal(found.verdict[index], OUTSIDE)
+        axes.pcolormesh(found.roll_deg, found.pitch_deg, verdict, cmap=colours, norm=norm, shading="nearest")
+        if np.isfinite(found.highest[index]).sum() > 3:
+            lines = axes.contour(
+                found.roll_deg, found.pitch_deg, found.highest[index], levels=6, colors=INK, linewidths=0.6
+            )
+            axes.clabel(lines, fmt="%.0f", fontsize=8.0)
+        axes.set_aspect("equal")
+        axes.grid(visible=False)
+        if index % columns == 0:
+            axes.set_ylabel("pitch in degrees")
+        if index // columns == rows - 1:
+            axes.set_xlabel("roll in degrees")
+        note_panel(axes, "abcdefghijkl"[index % 12], f"{found.pretension_mm[index]:g} mm")
+    seen = [code for code in range(len(VERDICTS)) if (found.verdict == code).any()]
+    figure.legend(
+        handles=[Patch(facecolor=_VERDICT_COLOURS[code], label=VERDICTS[code]) for code in seen],
+        loc="outside upper center",
+        ncols=len(seen),
+    )
+    return figure

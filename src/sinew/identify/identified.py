@@ -10,18 +10,25 @@ import xarray as xr
 
 from sinew.analysis.analysed import recording_rig
 from sinew.analysis.signal.signals import read_signals, torsion_delay
-from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
+from sinew.identify.choice.comparison import (
+    Comparison,
+    HeldOut,
+    Split,
+    compare,
+    compare_laws,
+    compare_segments,
+    impossible_numbers,
+    split_record,
+)
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
-from sinew.identify.choice.held_out import HeldOut, Split, split_record
 from sinew.identify.choice.input_noise import silenced, warn_of_noise, widen, window_force
-from sinew.identify.choice.stretch import cut_to, free_part, telling, unwrapped
 from sinew.identify.forced import Forced, Through, mechanics_of, predict_fit
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
 from sinew.identify.oscillator.fitted import Fit, Fitted
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.profile import interval90
-from sinew.identify.oscillator.record import Excitation, Record, make_record
+from sinew.identify.oscillator.record import Excitation, Record, cut_to, free_part, make_record, telling, unwrapped
 from sinew.identify.stepped.curves import peak_of_response, resonance_by_level
 from sinew.identify.stepped.fit import ResponseFit, fit_response
 from sinew.identify.stepped.points import ResponsePoints

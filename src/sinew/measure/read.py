@@ -1,18 +1,29 @@
-"""Whatever file holds a measurement, read: a recording or results of Sinew, or somebody's table."""
+"""Whatever file holds a measurement, read or looked into: a recording or results of Sinew, or somebody's table."""
 
+import re
+import shlex
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import xarray as xr
 
+from sinew.measure.arrays import Array
 from sinew.measure.doors import as_path
-from sinew.measure.errors import FileError, SchemaError, SpecError
-from sinew.measure.files.csv import ColumnNames, Table, import_csv
-from sinew.measure.files.netcdf import has_schema, is_netcdf, load_recording, load_results
-from sinew.measure.files.runs import RunChoice
+from sinew.measure.errors import FileError, RecordingError, SchemaError, SinewError, SpecError, UnitError
+from sinew.measure.estimate import finite, number
+from sinew.measure.files.csv import ColumnNames, Table, import_csv, opened_table, read_table, read_time
+from sinew.measure.files.netcdf import has_schema, is_netcdf, load_dataset, load_recording, load_results
+from sinew.measure.files.runs import RunChoice, bare_name, notes_of, number_columns, time_columns
 from sinew.measure.recording import cut_recording
 from sinew.measure.schema import ReadKind
-from sinew.measure.timing import Gaps
+from sinew.measure.timing import Gaps, diagnose_times
+from sinew.measure.told import Table as ShownTable
+from sinew.measure.told import Told
+from sinew.measure.units import unit_in_name
 
 _TABLES_IN_HDF5 = frozenset((".h5", ".hdf5", ".hdf", ".he5", ".mat"))
 
@@ -88,3 +99,332 @@ def is_recording(file: Path) -> bool:
         return is_netcdf(file) and (file.suffix.lower() not in _TABLES_IN_HDF5 or has_schema(file))
     except FileError:
         return False  # the reader of tables says why
+
+
+# ---- a first look into somebody's file: format, runs, columns with units, rate, gaps, and the command to go on with
+
+
+_BARS = "▁▂▃▄▅▆▇█"
+_BINS = 40
+_SHOWN = 40  # columns in the printed table
+_DRIVE = re.compile(
+    r"(?<![^\W_])(drive|force|torque|input|command|cmd|set ?point|excitation|shaker|hammer|lever|base|antrieb|anregung|"
+    r"kraft|u)(?![^\W_])",
+    re.IGNORECASE,
+)
+_SLOWEST_MS = 200  # whole numbers further apart are microseconds rather than milliseconds: below 5 samples a second
+
+
+@dataclass(frozen=True, repr=False)
+class Looked(Told):
+    """What is in a file. document: as `sinew look --json` prints it."""
+
+    document: dict[str, Any]
+
+    def told(self) -> list[ShownTable | str]:
+        """Return tables and sentences in the order of reading."""
+        document = self.document
+        told: list[ShownTable | str] = [f"{document['file']}: {document['format']}, {document['rows']} rows"]
+        if len(document["runs"]) > 1:
+            runs = [(f"--run {one['number']}", one["name"]) for one in document["runs"]]
+            told.append(ShownTable(("run", "name"), runs, f"runs; below: {document['run']}"))
+        rows = [
+            (one["name"], one["unit"] or "", str(one["values"]), number(one["low"]), number(one["high"]), one["course"])
+            for one in document["columns"][:_SHOWN]
+        ]
+        told.append(ShownTable(("column", "unit", "values", "least", "largest", "course"), rows))
+        if len(document["columns"]) > _SHOWN:
+            told.append(f"and {len(document['columns']) - _SHOWN} more columns")
+        told += (
+            []
+            if document["time"] is None
+            else [f"time, column {document['time']['column']!r}: {document['time']['sentence']}"]
+        )
+        told += document["notes"]
+        if document["command"] is not None:
+            told += ["", "go on with", f"  {document['command']}"]
+        return told
+
+
+def look(
+    path: "Path | str", *, run: RunChoice = None, columns: ColumnNames = None, rate_hz: float | None = None
+) -> Looked:
+    """Return what is in a file of measurements, and the command that goes on with it.
+
+    path: of any file that `sn.read` takes. run: which of several to look at, else the first. columns: names for all
+    columns instead of the file's. rate_hz: samples per second, where no column holds the time.
+    The command names the time (by its name, else the column that rises evenly), the drive (by its name), the response
+    (of the others the column that swings most clearly) and what else is needed; it was tried as far as the import.
+    Where a number is missing that nobody but you knows, `missing` says which, and the command has a word in capitals in
+    its place.
+    Raises FileError where the file cannot be read, SinewError where run or columns do not fit it.
+
+    >>> import tempfile, pathlib
+    >>> import sinew as sn
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "swing.csv"
+    ...     lines = [f"{i / 100:.2f};{(-1) ** (i // 20) * 0.97**i:.4f}".replace(".", ",") for i in range(200)]
+    ...     _ = file.write_text("Zeit;Winkel (deg)\\n" + "\\n".join(lines))
+    ...     found = sn.look(file).document
+    >>> found["format"], round(found["time"]["rate_hz"]), found["columns"][1]["unit"]
+    ('text, semicolon between columns, decimal comma', 100, 'deg')
+    """
+    path = as_path(path)
+    if is_recording(path):
+        return _look_at_recording(path)
+    opened = opened_table(path, columns)
+    runs = [{"number": place, "name": one.name} for place, one in enumerate(opened.runs, start=1)]
+    chosen: RunChoice = run if run is not None or len(runs) == 1 else 1
+    table = read_table(path, run=chosen, columns=columns)
+    guess = _guess(path, table, _Asked(str(path), chosen if len(runs) > 1 else None, columns, rate_hz))
+    named = next((one["name"] for one in runs if chosen in (one["number"], one["name"], str(one["number"]))), "")
+    document: dict[str, Any] = {
+        "file": path.name,
+        "format": opened.form,
+        "runs": runs,
+        "run": named,
+        "rows": len(table),
+        "columns": [_column(table, place) for place in range(table.shape[1])],
+        "time": guess.timing,
+        "notes": [*notes_of(table), *guess.notes],
+        "missing": list(guess.missing),
+        "command": guess.command,
+    }
+    return Looked(document)
+
+
+def _look_at_recording(path: Path) -> Looked:
+    dataset = load_dataset(path)
+    rows = int(dataset.sizes.get("sample", 0))
+    table = pd.DataFrame(
+        {name: dataset[name].values for name in dataset.data_vars if dataset[name].dims == ("sample",)}
+    )
+    columns = [_column(table, place) for place in range(table.shape[1])]
+    for one in columns:
+        one["unit"] = str(dataset[one["name"]].attrs.get("units", "")) or None
+    kinds = sorted(set(map(str, dataset["kind"].values))) if "kind" in dataset else []
+    document = {
+        "file": path.name,
+        "format": f"Sinew, {dataset.attrs.get('schema', 'no schema')}",
+        "runs": [{"number": 1, "name": ""}],
+        "run": "",
+        "rows": rows,
+        "columns": columns,
+        "time": None,
+        "notes": [f"segments: {dataset.sizes.get('segment', 0)}, of {', '.join(kinds)}"] if kinds else [],
+        "missing": [],
+        "command": shlex.join(["sinew", "analyse", str(path)]) if kinds else None,
+    }
+    return Looked(document)
+
+
+def _column(table: Table, place: int) -> dict[str, Any]:
+    """Return what one column holds: its unit by its name, how many values, the least and the largest, its course."""
+    column, name = table.iloc[:, place], str(table.columns[place])
+    values = np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float) if column.dtype.kind not in "mM" else None
+    known = values is not None and bool(np.isfinite(values).any())
+    return {
+        "name": name,
+        "unit": unit_in_name(name),
+        "values": int(column.notna().sum()),
+        "low": finite(float(np.nanmin(values))) if known and values is not None else None,
+        "high": finite(float(np.nanmax(values))) if known and values is not None else None,
+        "course": _sparkline(values) if known and values is not None else "",
+    }
+
+
+def _sparkline(values: Array) -> str:
+    """Return the course of a signal as a row of bars: in each of 40 stretches its value furthest from the middle."""
+    values = _scaled(values[np.isfinite(values)])
+    middle, span = float(np.median(values)), float(np.ptp(values))
+    if span == 0.0:
+        return _BARS[0] * min(_BINS, values.size)
+    parts = np.array_split(values, min(_BINS, values.size))
+    far = np.array([part[np.argmax(np.abs(part - middle))] for part in parts])
+    level = np.clip((far - values.min()) / span * len(_BARS), 0, len(_BARS) - 1).astype(int)
+    return "".join(_BARS[k] for k in level)
+
+
+def _scaled(values: Array) -> Array:
+    """Return numbers by their largest, so that no square of theirs leaves the floating point."""
+    return values / (float(np.abs(values).max()) or 1.0)
+
+
+# What to go on with.
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What was asked of the file: it stays in the command."""
+
+    file: str
+    run: RunChoice
+    columns: ColumnNames
+    rate_hz: float | None
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """The command to go on with, or None; what it lacks; what the time is like; notes."""
+
+    command: str | None = None
+    missing: tuple[str, ...] = ()
+    timing: dict[str, Any] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def _guess(path: Path, table: Table, asked: _Asked) -> _Guess:
+    notes: list[str] = []
+    time, response, missing = None, None, []
+    if asked.rate_hz is None:
+        time = _time_of(table, notes)
+        if time is None:
+            missing.append("--rate HZ")
+            notes.append("no column holds times: write the samples per second for HZ")
+    response, drive = _motions_of(table, time, notes)
+    if response is None:
+        return _Guess(None, (), None, (*notes, "no column of numbers that changes: there is nothing to go on with"))
+    timing = _timing(table, time)
+    gaps, refusal = _tried(path, time, response, drive, asked)
+    if refusal:
+        return _Guess(None, tuple(missing), timing, (*notes, refusal))
+    words = ["sinew", "analyse", asked.file]
+    words += [] if asked.run is None else ["--run", str(asked.run)]
+    if asked.columns is not None:
+        words += ["--columns", asked.columns if isinstance(asked.columns, str) else ",".join(asked.columns)]
+    words += ["--rate", "HZ" if asked.rate_hz is None else f"{asked.rate_hz:g}"] if time is None else ["--time", time]
+    words += ["--response", response, *(() if drive is None else ("--drive", drive))]
+    words += [] if gaps == "refuse" else ["--gaps", gaps]
+    return _Guess(shlex.join(words), tuple(missing), timing, tuple(notes))
+
+
+def _time_of(table: Table, notes: list[str]) -> str | None:
+    """Return the specification of the time: by its name, else a first column that rises all the way; None without."""
+    found = time_columns(table)
+    if len(found) > 1:
+        notes.append(f"{' and '.join(found)} may be the time; the command takes the first that can be read")
+    if not found and table.shape[1] > 1:
+        first = pd.to_numeric(table.iloc[:, 0], errors="coerce").to_numpy(dtype=float)
+        steps = np.diff(first[np.isfinite(first)])
+        if steps.size > 8 and (steps >= 0).all() and (steps > 0).mean() > 0.5:
+            found = [str(table.columns[0])]
+            notes.append(f"no column is the time by its name; {found[0]!r} rises all the way and is taken for it")
+    for name in found:
+        for spec in (name, *_with_units(table, name)):
+            try:
+                stamps, told = read_time(table, spec, None)
+            except UnitError as error:
+                notes.append(str(error).partition(":")[0])
+                continue
+            except SinewError:
+                break
+            if stamps.size:
+                if spec != name:
+                    notes.append(f"the unit {spec.rpartition(':')[2]} is a guess by the size of the steps")
+                notes += told
+                return spec
+    return None
+
+
+def _with_units(table: Table, name: str) -> list[str]:
+    """Return the specification of a time of whole numbers with the unit that its steps suggest."""
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+    steps = np.diff(values[np.isfinite(values)])
+    steps = steps[steps > 0]
+    if not steps.size:
+        return []
+    return [f"{name}:{'ms' if float(np.median(steps)) <= _SLOWEST_MS else 'us'}"]
+
+
+def _motions_of(table: Table, time: str | None, notes: list[str]) -> tuple[str | None, str | None]:
+    """Return (response, drive): of the columns that change the one that swings most clearly, and a drive by its name.
+
+    None where there is none.
+    """
+    names = [name for name in number_columns(table) if time is None or name not in (time, time.rpartition(":")[0])]
+    places = list(map(str, table.columns))
+    scores = {}
+    for name in dict.fromkeys(names):
+        if places.count(name) > 1:
+            notes.append(f"column {name!r} occurs {places.count(name)} times: name all columns anew with --columns")
+            continue
+        values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+        values = values[np.isfinite(values)]
+        if values.size > 8 and np.ptp(values) > 0:
+            scores[name] = _clearness(values)
+    if not scores:
+        return None, None
+    others = [name for name in scores if not _DRIVE.search(bare_name(name))] or list(scores)
+    drive = next((name for name in scores if name not in others), None)
+    best = max(others, key=lambda name: scores[name])
+    if drive is not None:
+        notes.append(f"{drive!r} is taken for the drive, by its name; choose with --drive")
+    if len(others) > 1:
+        driven = "" if drive is not None else "; where another column drove it, name that too: --drive COL"
+        notes.append(f"{best!r} swings most clearly and is taken for the response; choose with --response{driven}")
+    return best, drive
+
+
+def _clearness(values: Array) -> float:
+    """Return how smooth a signal is beside its own size, 0 where it hardly swings about its line."""
+    values = _scaled(values)
+    line = np.polyval(np.polyfit(np.arange(values.size), values, 1), np.arange(values.size))
+    about = values - line
+    crossings = np.count_nonzero(np.diff(np.sign(about)) != 0)
+    rough = float(np.std(np.diff(about, 2)))
+    return float(np.std(about)) / rough if crossings >= 4 and rough > 0 else 0.0
+
+
+def _timing(table: Table, time: str | None) -> dict[str, Any] | None:
+    if time is None:
+        return None
+    try:
+        stamps, _ = read_time(table, time, None)
+        stamps = stamps[np.isfinite(stamps)]
+        found = diagnose_times(stamps)
+    except RecordingError as error:
+        return {"column": time, "rate_hz": None, "duration_s": None, "gaps": [], "sentence": str(error)}
+    gaps = [{"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in found.gaps]
+    return {
+        "column": time,
+        "rate_hz": 1.0 / found.step_s,
+        "duration_s": float(stamps[-1] - stamps[0]),
+        "gaps": gaps,
+        "sentence": f"{found.sentence}; {number(1.0 / found.step_s, 4, 'Hz')}, {number(float(np.ptp(stamps)), 4, 's')}",
+    }
+
+
+def _tried(path: Path, time: str | None, response: str, drive: str | None, asked: _Asked) -> tuple[Gaps, str]:
+    """Return how gaps must be taken for the import to do well, and why it cannot where it does not."""
+    refusal = ""
+    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
+    for gaps in ways:
+        rate = None if time is not None else asked.rate_hz or 1.0
+        try:
+            recording = import_csv(
+                path,
+                time=time,
+                response=response,
+                drive=drive,
+                gaps=gaps,
+                run=asked.run,
+                columns=asked.columns,
+                rate_hz=rate,
+            )
+        except (RecordingError, UnitError) as error:
+            refusal = refusal or str(error)
+            continue
+        if gaps == "bridge" and not _short_gaps(recording["time_s"].values, np.asarray(recording[_channel(recording)])):
+            continue
+        return gaps, ""
+    return "refuse", refusal
+
+
+def _channel(recording: Any) -> str:
+    return "torsion_rad" if "torsion_rad" in recording else "response"
+
+
+def _short_gaps(time_s: Array, values: Array) -> bool:
+    """Return whether the longest step is shorter than half a period, as crossings of the middle tell it."""
+    crossings = int(np.count_nonzero(np.diff(np.sign(values - np.median(values)))))
+    return bool(np.diff(time_s).max() < float(time_s[-1] - time_s[0]) / max(crossings, 1))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
-from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.sweep.response import FEWEST_PRETENSIONS, fit_saturation
 from sinew.figures import page, response
 from sinew.figures.decay import draw_damping, draw_decay
 from sinew.figures.motion import draw_lissajous, draw_phase_portraits

@@ -13,7 +13,7 @@ import xarray as xr
 
 from sinew.analysis.decay.decay_windows import decay_windows
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
-from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.sweep.response import FEWEST_PRETENSIONS, fit_saturation
 from sinew.measure.arrays import Array, mean_and_spread
 from sinew.plan.rig import RigSpec
 

@@ -19,9 +19,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.attitude import LeverMotion, measure_lever
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
-from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response
 from sinew.measure.arrays import Array, Mask, wrapped_lag

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.analysis.signal.torsion import LeverMotion
+from sinew.analysis.signal.attitude import LeverMotion
 from sinew.measure.errors import RecordingError
 from sinew.mechanics.drive import commanded_angle
 from sinew.mechanics.joint import State, rate

@@ -16,9 +16,9 @@ from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import Band, Draws, Marked, Tube, bands_of, carried_over, draw_rigs
-from sinew.predict.describing import Equivalent, equivalent_of_oscillator, equivalent_of_rig, harmonic_shares
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.joints.validity import Check, check_drive, check_joint, doubt_broken_curves, loads_of
+from sinew.predict.linear import Equivalent, equivalent_of_oscillator, equivalent_of_rig, harmonic_shares
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import Backbone, follow_backbones
 from sinew.solve.branch import Branch, Mark, Prediction

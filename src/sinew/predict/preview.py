@@ -1,21 +1,151 @@
 """The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from sinew.measure.errors import RecordingError
+from sinew.measure.arrays import Array, Complexes
+from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite
-from sinew.plan.check import Finding, Preview, check_plan
+from sinew.plan.check import Finding, Preview, check_plan, drive_reach
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.predict.bent import driven_findings
-from sinew.predict.foretold import Foretold, foretell
-from sinew.predict.poses.pose import Asked, find_pose
-from sinew.solve.spatial import Rest
+from sinew.predict.bent import INPUTS, driven, driven_findings
+from sinew.predict.modes import Asked as AskedModes
+from sinew.predict.modes import Finder, out_of_plane
+from sinew.predict.pose import Asked, find_pose
+from sinew.solve.spatial import Rest, patterns
 from sinew.twin.simulate import foresee, peak_torsion, rest_tension
+
+# ---- what a plan with a bent or swaying head is expected to show, by the linear joint
+#
+# Small motion about the rest pose: the guides slip in the torsion that comes of it, the drive reaches what it reaches
+# against a head that swings like that, and the lever's motor gives way where tendons drive; but tendons do not stiffen
+# in a large swing, nothing happens at twice the frequency, and a tendon that goes slack in the swing is told and not
+# followed. Held against the twin it is a guide, no verdict; `sinew.predict.coupled` follows large swings.
+
+
+_INPUT_OF = {"lever": "lever_rad", "pitch": "pitch_take_up_m", "roll": "roll_take_up_m"}
+_NOTHING = 1e-9  # of the motion: what rounding makes of a direction in which the head does not move
+
+
+class Foretold(NamedTuple):
+    """What the sweep should give at a pretension [mm] and a frequency [Hz].
+
+    drive: amplitude of the drive's motion, the lever's against the swinging head [deg] or of the tendons [mm].
+    torsion_deg, across_deg, in_plane_deg: amplitudes of the torsion and of the tilt across the bend and in its plane.
+    highest_n, lowest_n: tension of a tendon over the swing; what torsion adds to it grows with its square and is not
+    in it.
+    """
+
+    pretension_mm: float
+    frequency_hz: float
+    drive: float
+    torsion_deg: float
+    across_deg: float
+    in_plane_deg: float
+    highest_n: float
+    lowest_n: float
+
+
+def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
+    """Return what the sweep of a plan is expected to show, a row for each pretension and frequency.
+
+    Nothing of a plan without a sweep, and nothing at a pretension without a stable pose.
+    """
+    if plan.sweep is None:
+        return ()
+    bend_deg, azimuth_deg = plan.rest_pose.bend_and_azimuth_deg
+    finder = Finder(rig, AskedModes(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
+    tendons_mm = plan.sweep.amplitude_mm
+    asked = math.radians(plan.sweep.amplitude_deg) if tendons_mm is None else 1e-3 * tendons_mm
+    rows = []
+    for mm in plan.pretension.pretension_mm:
+        try:
+            finder.linear(mm, bend_deg)
+        except SpecError:  # the check says that there is no pose
+            continue
+        rows += [_at(finder, rig, mm, bend_deg, hz, plan.sweep.drive, asked) for hz in plan.sweep.frequency_hz]
+    return tuple(rows)
+
+
+def _at(finder: Finder, rig: RigSpec, mm: float, bend_deg: float, hz: float, drive: str, asked: float) -> Foretold:
+    """Return the row of one frequency; asked: amplitude of the lever's command [rad] or of the tendons [m]."""
+    linear, space = finder.linear(mm, bend_deg)
+    at, q = linear.around, finder.rest(mm, bend_deg)[1].q
+    stiffness = float(space.rod.joint.stiffness)
+    pulled = np.zeros(len(at.tension))
+    if drive != "lever":
+        pulled = stiffness * patterns(space)[1 if drive == "pitch" else 2]
+    # Last the head's turn about the lever's axis, by which it takes torque from the lever.
+    rows = np.vstack([at.by_torsion, at.by_tilt, stiffness * at.by_span, linear.lever_row / rig.inertia.lever.value])
+    one = np.eye(len(INPUTS))[INPUTS.index(_INPUT_OF[drive])]
+
+    def moves(amplitude: float) -> Complexes:
+        return driven(linear, space, q, hz, amplitude * one, rows, held=drive != "lever").moved
+
+    amplitude = asked if drive != "lever" else _reached(moves, rig, asked, hz)
+    moved = moves(amplitude)
+    swing: Array = np.abs(moved[3:-1] + amplitude * pulled)
+    out = math.degrees(abs(out_of_plane(finder.direction, bend_deg) @ moved[1:3]))
+    within = math.degrees(abs(finder.direction @ moved[1:3]))
+    least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
+    return Foretold(
+        mm,
+        hz,
+        math.degrees(amplitude) if drive == "lever" else 1e3 * amplitude,
+        math.degrees(abs(moved[0])),
+        out if out > least else 0.0,
+        within if within > least else 0.0,
+        float(np.max(at.tension + swing)),
+        float(np.min(np.where(at.tension > 0, at.tension - swing, 0.0))),
+    )
+
+
+_MOST_STEPS, _ENOUGH = 60, 1e-4
+
+
+def _reached(moves: Callable[[float], Complexes], rig: RigSpec, command: float, hz: float) -> float:
+    """Return the lever's amplitude [rad] that the drive reaches against the very head that it swings.
+
+    moves: what a lever of some amplitude moves, the head's turn about its axis last.
+    """
+    lever = drive_reach(rig, command, hz).amplitude_rad
+    for _ in range(_MOST_STEPS):
+        if lever == 0:
+            break
+        before, turned = lever, complex(moves(lever)[-1])
+        lever = 0.5 * (lever + drive_reach(rig, command, hz, turned / lever).amplitude_rad)
+        if abs(lever - before) <= _ENOUGH * lever:
+            break
+    return lever
+
+
+def sentences_of(rows: tuple[Foretold, ...], plan: Plan) -> list[str]:
+    """Return for each pretension what is expected where the head twists most; of a drive by tendons their tensions."""
+    told = []
+    by_tendons = plan.sweep is not None and plan.sweep.amplitude_mm is not None
+    for mm in dict.fromkeys(row.pretension_mm for row in rows):
+        mine = [row for row in rows if row.pretension_mm == mm]
+        top = max(mine, key=lambda row: row.torsion_deg)
+        least = min(mine, key=lambda row: row.lowest_n)
+        slack = f"; a tendon goes slack in the swing at {least.frequency_hz:g} Hz" if least.lowest_n <= 0 else ""
+        pulls = f"; tensions {max(least.lowest_n, 0):.0f} to {max(row.highest_n for row in mine):.0f} N{slack}"
+        if not by_tendons:
+            pulls = f": {top.torsion_deg / top.drive:.2g}° a degree of the lever, which reaches {top.drive:.2g}° there"
+        told.append(
+            f"expected at {mm:g} mm: at most {top.torsion_deg:.2g}° of torsion, at {top.frequency_hz:g} Hz, and there "
+            f"a tilt of {top.across_deg:.2g}° across the bend, {top.in_plane_deg:.2g}° in its plane{pulls}"
+        )
+    linear = "what is expected is linear: right for small swings, a guide for large ones, which sinew predict follows"
+    return [*told, linear] if told else []
+
+
+# ---- the preview
+
 
 LONGEST_PREVIEW_S = 20_000.0
 """Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
-from sinew.mechanics.column import column_load
 from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.rod import column_load
 from sinew.mechanics.silicone import compressive_load
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.section import (

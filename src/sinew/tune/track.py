@@ -22,8 +22,8 @@ from sinew.measure.errors import SpecError
 from sinew.measure.estimate import finite
 from sinew.plan.plan import Group, Held, Plan, TendonMode, Track
 from sinew.plan.rig import RigSpec
-from sinew.predict.describing import equivalent_of_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.predict.linear import equivalent_of_rig
 from sinew.solve.backbone import follow_backbones
 from sinew.twin.cache import configure
 

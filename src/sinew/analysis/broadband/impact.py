@@ -29,7 +29,7 @@ from sinew.analysis.broadband.broadband import (
 from sinew.analysis.broadband.poles import LineErrors, PoleFit, fit_poles
 from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, Spectra
 from sinew.analysis.decay.free_decay import noise_level
-from sinew.analysis.signal.limits import overloads
+from sinew.analysis.signal.signals import overloads
 from sinew.measure.arrays import Array, Complexes, Mask, robust_std
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import finite, number

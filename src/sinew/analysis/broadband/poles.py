@@ -140,7 +140,7 @@ def fit_poles(
     errors: how the points' errors belong together, instead of bin_correlation.
 
     Residues and the constant are free complex numbers, so any output by any input will do, with a constant delay too;
-    for one mode this is the curve of `sinew.analysis.sweep.rational`. Start: vector fitting (Gustavsen and Semlyen,
+    for one mode this is the curve of `sinew.analysis.sweep.resonance`. Start: vector fitting (Gustavsen and Semlyen,
     IEEE Trans. Power Delivery 14, 1999); then Levenberg-Marquardt on the weighted residual. The covariance is the
     sandwich for correlated bins, times the squared misfit where that exceeds one.
     Raises RecordingError where there are too few points, or no such fit.

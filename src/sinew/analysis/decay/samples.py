@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate
 
 from sinew.analysis.decay.free_decay import LARGEST_GAP, checked_record, evenly, first_half_period, noise_level
-from sinew.analysis.signal.limits import is_cut_off, resolution, rows_of_one_value
+from sinew.analysis.signal.signals import is_cut_off, resolution, rows_of_one_value
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.estimate import number

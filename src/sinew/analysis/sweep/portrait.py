@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.signal.attitude import steady_motion
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.analysis.signal.signals import Signals, read_signals, torsion_chain
-from sinew.analysis.signal.torsion import steady_motion
 from sinew.measure.arrays import Array, wrapped_lag
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -18,7 +18,7 @@ from sinew.plan.rig import RigSpec
 class Portrait:
     """The orbit (φ, φ̇) of one steady segment over whole periods, and what bends it out of an ellipse.
 
-    motion: see `sinew.analysis.signal.torsion.steady_motion`; the torsion counts from its mean.
+    motion: see `sinew.analysis.signal.attitude.steady_motion`; the torsion counts from its mean.
     even_share: √(|X₂|² + |X₄|²)/|X₁|: zero for every joint that is the same to both sides.
     third_share: |X₃|/|X₁|: the squeeze of a symmetric hardening or softening.
     half_area_asymmetry: (A₊ - A₋)/(A₊ + A₋) of the areas enclosed at φ > 0 and φ < 0, mean and scatter over periods.
@@ -115,7 +115,7 @@ def _shoelace(x: Array, y: Array) -> Array:
 
 
 def fit_ellipse(motion: xr.Dataset) -> Ellipse:
-    """Return the ellipse of one steady motion (see `sinew.analysis.signal.torsion.steady_motion`).
+    """Return the ellipse of one steady motion (see `sinew.analysis.signal.attitude.steady_motion`).
 
     The half extents are √2 times the root mean square of each signal, the lag is that of `lissajous_phase`.
     Raises RecordingError where the recording has no drive.

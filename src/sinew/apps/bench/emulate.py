@@ -74,9 +74,8 @@ def emulate(
     has done what a person would do.
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
-    from sinew.emulator.found import drawn_start, found_bench
+    from sinew.emulator.found import Hands, draw_unbuilt, drawn_start, found_bench, parse_kinds
     from sinew.emulator.port_server import ClockSocket, HandsSocket, PtyPort, PtyServer, SocketPort, refuse_taken
-    from sinew.emulator.unbuilt import Hands, draw_unbuilt, parse_kinds
     from sinew.hardware.bus import MonotonicClock
     from sinew.plan.toml import load_rig
 

@@ -134,8 +134,7 @@ def _refuse_unfit_plan(
     pose, what holds it; and what the twin expects of its recording."""
     from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.foretold import sentences_of
-    from sinew.predict.preview import expected_of, foresee_plan, held_preview
+    from sinew.predict.preview import expected_of, foresee_plan, held_preview, sentences_of
 
     if not plan.is_spatial:
         (preview, expected), held = foresee_plan(plan, spec), None

@@ -28,7 +28,7 @@ from sinew.measure.errors import FileError, SinewError
 from sinew.measure.events import Ended, Event, Health, Track
 
 if TYPE_CHECKING:
-    from sinew.bench.record.listeners import Stream
+    from sinew.bench.record.sample import Stream
     from sinew.bench.run import Runner
     from sinew.bench.stops import Steering
 
@@ -389,7 +389,7 @@ def showing(*, tracking: bool = False) -> "Iterator[Stream]":
     Another thread writes: a terminal that is stopped (Ctrl-S) holds up whoever writes to it, and one that is closed
     raises, neither of which may reach the bench's cycle.
     """
-    from sinew.bench.record.listeners import Stream
+    from sinew.bench.record.sample import Stream
 
     with nullcontext() if tracking else progress_bar("run") as bar:
         writer = _Writer(bar)

@@ -101,7 +101,7 @@ def _begun_plan(folder: Path, asked: Mapping[str, object]) -> "tuple[Plan, tuple
     Raises SpecError where options ask for another, FileError where the folder holds no tracking.
     """
     from sinew.analysis.tracked import BACKBONES_ATTRIBUTE
-    from sinew.bench.record.journal_reader import JournalReader
+    from sinew.bench.record.journal import JournalReader
     from sinew.plan.toml import parse_plan
     from sinew.tune.track import ExpectedBackbone
 

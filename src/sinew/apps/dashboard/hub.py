@@ -33,7 +33,7 @@ from sinew.apps.dashboard.work.samples import (
     thin,
 )
 from sinew.apps.dashboard.worker import Work
-from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite

@@ -24,7 +24,7 @@ import psutil
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.bench.run_control import CONTROL, own_text
 from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
-from sinew.bench.record.journal_reader import JournalReader, summarise_journal
+from sinew.bench.record.journal import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.plan import require_motors
 from sinew.plan.rig import RigSpec

@@ -50,13 +50,10 @@ def calibrate(
         document = _from_paper(rig, out, beside[0] if ranges else None, beside[1] if posterior else None, seed, command)
     else:
         document = _from_recordings(rig, files, out, free, command)
-    if json:
-        console.print_json(document)
-    else:
-        from sinew.identify.joint.calibration import calibration_told
+    from sinew.identify.joint.calibration import calibration_told
 
-        made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
-        console.print_told([*calibration_told(document), made])
+    made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
+    console.print_result(document, calibration_told(document), made, json=json)
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
@@ -97,8 +94,7 @@ def _from_paper(
 ) -> dict[str, Any]:
     from sinew.identify.joint.calibration import with_intervals
     from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
-    from sinew.paper.posterior import paper_posterior
-    from sinew.paper.sampler import require_sampler
+    from sinew.paper.posterior import paper_posterior, require_sampler
     from sinew.plan.toml import load_rig, save_rig
     from sinew.twin.cache import configure
 

@@ -1,23 +1,23 @@
-"""`sinew design`: joints that resonate with a gait."""
+"""`sinew design`, `sinew joint` and `sinew tune`: joints that resonate with a gait, another section, the pretension."""
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, option
-from sinew.apps.joints.options import BASE_RIG
+from sinew.apps.console import Json, RigArgument, option
+from sinew.apps.joints.options import BASE_RIG, MODES, JointOptions, Mode, check_angle, designed_rig, with_joint_options
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.figures.tuned import EndCurves
-    from sinew.plan.plan import Plan
+    from sinew.plan.plan import Plan, TendonMode
     from sinew.predict.joints.validity import Torso
     from sinew.tune.candidate import DesignTarget
-    from sinew.tune.design import Designed
-    from sinew.tune.proposal import Proposal
+    from sinew.tune.design import Designed, Proposal
 
 
 def design(
@@ -78,12 +78,7 @@ def design(
         words += [w for flag, value in (("--shape", shape), ("--material", material)) if value for w in (flag, value)]
         words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
         write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
-    if json:
-        console.print_json(document)
-    else:
-        console.print_told(found.told())
-        if out is not None:
-            print(f"page: {out / 'design.html'}")
+    console.print_result(document, found.told(), f"page: {out / 'design.html'}" if out else "", json=json)
 
 
 def read_gait(path: Path) -> tuple[tuple[float, float], float]:
@@ -158,7 +153,7 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
     from sinew.figures.tuned import draw_design_curves, draw_design_front, write_design_page
     from sinew.measure.files.netcdf import provenance
     from sinew.plan.toml import save_plan, save_rig
-    from sinew.tune.proposal import plan_of
+    from sinew.tune.design import plan_of
 
     curves = []
     for rank, (i, row) in enumerate(zip(found.chosen, document["proposals"], strict=True), start=1):
@@ -196,3 +191,88 @@ def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
     band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]
     problem = joint_problem(one.rig, list(plan.pretension.pretension_mm), plan.sweep.amplitude_deg, band)
     return EndCurves(row, predict(problem, band, COARSE).branches)
+
+
+# ---- `sinew joint`: the rig of a joint that is not built yet
+
+
+@with_joint_options
+def joint(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="The rig to derive it from; else the paper's.")] = BASE_RIG,
+    out: Annotated[Path | None, option("RIG.toml", "Write the rig into this file.")] = None,
+    *,
+    joint: JointOptions,
+    json: Json = False,
+) -> None:
+    """Make the rig of a joint that is not built yet: section, length, material, tendons, inertia.
+
+    What is not said stays as in the rig it is derived from. Every changed parameter is marked as assumed.
+    """
+    if not joint.given:
+        raise SpecError("found nothing to change; say for instance --section annulus --outer-mm 60 --inner-mm 30")
+    if out is not None:
+        console.require_file(out)
+    from sinew.plan.toml import save_rig
+    from sinew.predict.joints.design import design_document
+
+    made, design = designed_rig(rig, joint)
+    assert design is not None
+    document: dict[str, Any] = {"name": made.name, **design_document(made, design), "out": None}
+    if out is not None:
+        save_rig(made, out)
+        document["out"] = str(out)
+    if json:
+        console.print_json(document)
+        return
+    rows = [(name, number(value)) for name, value in document["section"].items() if isinstance(value, float)]
+    console.print_table(("section", ""), rows, title=f"{made.name}: {document['section']['shape']}")
+    print(f"torsional rigidity G·J {number(document['torsional_rigidity_n_m2'], unit='N m²')}", end="")
+    stiffness = number(document["stiffness_n_m_rad"], unit="N m/rad")
+    print(f", G {number(document['shear_modulus_kpa'], unit='kPa')}, G·J/L {stiffness}")
+    if design.material is not None:
+        curve = design.material
+        slack = "" if curve.slack is None else f", slack {number(100 * curve.slack, unit='%')}"
+        print(f"{curve.title}: G {curve.shear_modulus.times(1e-3).shown('kPa')} by fits of its curve", end="")
+        print(f", {number(1e-3 * curve.secant, unit='kPa')} at 100 % strain{slack}")
+    if out is not None:
+        print(f"rig: {out}")
+
+
+# ---- `sinew tune`: the pretension at which a rig resonates at a wanted frequency
+
+
+def tune(
+    rig: RigArgument,
+    resonance: Annotated[str, option("F,...", "Where it is to resonate: 90° of lag.", "--resonance-hz")],
+    amplitude: Annotated[
+        float | None, option("DEG", "Amplitude of the drive's command; else 20.", "--amplitude-deg")
+    ] = None,
+    yaw: Annotated[
+        float | None, option("DEG", "Instead: amplitude of the torsion; the command is found.", "--yaw-deg")
+    ] = None,
+    mode: Mode = "position",
+    bands: Annotated[int | None, option("N", "Draws for the 90 % intervals; else 100, and 0 for none.", min=0)] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
+    json: Json = False,
+) -> None:
+    """Find the pretension that makes a rig resonate at a wanted frequency, and the range that it can reach.
+
+    A rig that `sinew calibrate` wrote knows how far it can be off: pretension and frequency get 90 % intervals. A
+    frequency that is out of reach is no error: the answer says why, and the exit status is 0.
+    """
+    from sinew.tune.pretension import tune as run
+
+    if amplitude is not None and yaw is not None:
+        raise SpecError("found --amplitude-deg and --yaw-deg; expected one of them")
+    console.check_choice("--mode", mode, MODES)
+    for flag, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
+        if asked is not None:
+            check_angle(flag, asked)
+    expected = f"frequencies above 0 and up to {console.HIGHEST_HZ:g} Hz, as 3.2,3.6"
+    wanted = console.number_list("--resonance-hz", resonance, expected, low=0, high=console.HIGHEST_HZ, above=True)
+    held = cast("TendonMode", mode)
+    with console.progress_bar("draw") as progress:
+        found = run(
+            rig, wanted, amplitude_deg=amplitude, yaw_deg=yaw, mode=held, bands=bands, seed=seed, progress=progress
+        )
+    console.print_result(found.document(), found.told(), json=json)

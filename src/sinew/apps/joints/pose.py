@@ -1,18 +1,22 @@
-"""`sinew pose` and `sinew workspace`: where a joint rests that bends, and how far it may be bent."""
+"""`sinew pose`, `sinew workspace`, `sinew modes`: where a bent joint rests, how far it bends, and its small motions."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, RigArgument, option
-from sinew.apps.joints.options import MODES, Mode
+from sinew.apps.joints.options import MODES, Mode, check_angle
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sinew.predict.poses.pose import Posed
-    from sinew.predict.poses.workspace import Workspace
+    from sinew.plan.plan import TendonMode
+    from sinew.predict.pose import Posed
+    from sinew.predict.workspace import Workspace
+
 
 _FORMATS = ("png", "pdf", "svg")
 
@@ -58,14 +62,14 @@ def pose(
         raise SpecError("found --pretension-mm beside what each tendon does; give one of them")
     from sinew.plan.pose import Pose
     from sinew.plan.toml import load_rig
-    from sinew.predict.poses.pose import Asked, find_pose
+    from sinew.predict.pose import Asked, find_pose
 
     asked = Asked(6.0 if pretension is None else pretension, Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
     found = find_pose(load_rig(rig), asked)
     if out is None:
         _tell(found, json=json)
         return
-    from sinew.figures.pose import draw_pose
+    from sinew.figures.space import draw_pose
 
     _tell(found, draw_pose(found), out, json=json)
 
@@ -78,12 +82,7 @@ def _tell(found: "Posed | Workspace", figure: "Figure | None" = None, out: Path 
         from sinew.figures.style import save_figure
 
         save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
-    if json:
-        console.print_json(found.document())
-        return
-    console.print_told(found.told())
-    if figure is not None:
-        print(f"wrote {out}")
+    console.print_result(found.document(), found.told(), f"wrote {out}" if figure is not None else "", json=json)
 
 
 def _check_picture(out: Path | None) -> None:
@@ -111,13 +110,77 @@ def workspace(
     pretensions = console.number_list("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
     _check_picture(out)
     from sinew.plan.toml import load_rig
-    from sinew.predict.poses.workspace import map_workspace
+    from sinew.predict.workspace import map_workspace
 
     with console.progress_bar("map") as progress:
         found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, progress=progress)
     if out is None:
         _tell(found, json=json)
         return
-    from sinew.figures.pose import draw_workspace
+    from sinew.figures.space import draw_workspace
 
     _tell(found, draw_workspace(found), out, json=json)
+
+
+# ---- `sinew modes`: torsion, sway and their coupling, over pretension and bend
+
+
+ENDINGS = (".png", ".pdf", ".svg", ".html")
+
+
+def modes(
+    rig: RigArgument,
+    pretension: Annotated[str, option("MM,...", "Pretensions, modes for each.", "--pretension-mm")] = "0,6,12",
+    bend: Annotated[str, option("DEG,...", "Bends of the head, modes for each.", "--bend-deg")] = "0,10,20,30",
+    azimuth: Annotated[float, option("DEG", "Direction of the bend, from y towards z.", "--azimuth-deg")] = 0.0,
+    mode: Mode = "position",
+    swing: Annotated[
+        float, option("DEG", "Swing of the head at which the guides slip and lose.", "--swing-deg")
+    ] = 10.0,
+    bands: Annotated[
+        int, option("N", "Draws of what is assumed, for 90 % intervals; 0 for none.", "--bands", min=0)
+    ] = 16,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
+    out: Annotated[
+        Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with moving shapes, .html.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Give the modes of a joint that bends: frequency, damping, where their energy is, how the head moves.
+
+    Torsion, sway in the plane of the bend and across it, and axial, over pretension and bend; where sway and torsion
+    meet at 1:1 and 2:1, and how close they come. The rig needs a [space] with the masses of head and lever: intervals
+    are over the bounds of those that are assumed.
+    """
+    if out is not None:
+        if out.suffix not in ENDINGS:
+            raise SpecError(
+                f"--out is {out}, expected a name that ends with {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+            )
+        console.require_file(out)
+    console.check_choice("--mode", mode, MODES)
+    check_angle("--swing-deg", swing)
+    pretensions = console.number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
+    bends = console.number_list("--bend-deg", bend, "angles from 0 to 60°; turn it by --azimuth-deg", low=0, high=60)
+    console.checked_number("--azimuth-deg", azimuth, "an angle from -360 to 360°", low=-360, high=360)
+
+    from sinew.predict.modes import find_modes
+
+    with console.progress_bar("draw") as progress:
+        found = find_modes(
+            rig,
+            pretensions,
+            bend_deg=bends,
+            azimuth_deg=azimuth,
+            mode=cast("TendonMode", mode),
+            swing_deg=swing,
+            bands=bands,
+            seed=seed,
+            progress=progress,
+        )
+    document = found.document()
+    if out is not None:
+        from sinew.figures.space import write_modes
+
+        document["file"] = str(write_modes(found, out))
+    console.print_result(document, found.told(), f"wrote {out}" if out else "", json=json)

@@ -1,5 +1,6 @@
 """`sinew predict` and `sinew compare`: the steady response over frequency, of a rig, an oscillator, a fit, or rigs."""
 
+import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, flag, option
-from sinew.apps.joints import predict_against, predict_fit
+from sinew.apps.joints import predict_against
 from sinew.apps.joints.options import (
     BASE_RIG,
     Amplitude,
@@ -27,8 +28,144 @@ from sinew.measure.estimate import number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sinew.identify.forced import Forced, Kind, Mechanics
     from sinew.predict.predicted import Predicted, RigAsked
     from sinew.solve.branch import Prediction
+
+
+# ---- on a fit: levels of a drive and one measured point, in the units that they are said in
+
+
+Torque = Annotated[
+    str | None,
+    option(
+        "LEVEL,...[:UNIT]", "Oscillator, fit: amplitude of what pushes; of a fit several.", "--torque", "--torque-n-m"
+    ),
+]
+Base = Annotated[
+    str | None,
+    option(
+        "LEVEL,...[:UNIT]",
+        "Oscillator, fit: amplitude by which its base moves; of an angle in deg.",
+        "--base",
+        "--base-deg",
+    ),
+]
+Point = Annotated[
+    str | None,
+    option(
+        "HZ:AMPLITUDE[+-STD][:UNIT][@LEVEL]",
+        "Fit: a measured steady motion, which gives the drive's gain; at the first level unless said.",
+        "--through",
+    ),
+]
+DRAWS = 100
+"""Draws of the bands of a fit where nobody said."""
+
+_POINT = re.compile(
+    r"(?P<hertz>[^:@]+):(?P<size>[^:@]+?)(?:(?:\+-|±)(?P<std>[^:@]+))?(?::(?P<unit>[^@]+))?(?:@(?P<level>.+))?"
+)
+
+
+def is_fit(name: str | None) -> bool:
+    """Return whether what is to be predicted is a fit's document, by its ending."""
+    return name is not None and Path(name).suffix.lower() == ".json"
+
+
+class AskedOfFit(NamedTuple):
+    """What is asked of a fit, as it stands on the command line. start, stop: of the band [Hz]; bands: number of draws,
+    seed: of them."""
+
+    file: str
+    torque: str | None
+    base: str | None
+    through: str | None
+    start: float | None
+    stop: float | None
+    bands: int | None
+    seed: int
+
+    def words(self) -> list[str]:
+        """Return the command's words that ask for the same again."""
+        numbers = {"--from-hz": self.start, "--to-hz": self.stop}
+        given = {"--torque": self.torque, "--base": self.base, "--through": self.through}
+        given |= {name: f"{value:g}" for name, value in numbers.items() if value is not None}
+        given |= {"--bands": str(self.bands or DRAWS), "--seed": str(self.seed)}
+        return ["sinew", "predict", self.file, *(w for name, value in given.items() if value for w in (name, value))]
+
+
+def predicted_fit(asked: AskedOfFit) -> "Forced":
+    """Return the forced response. Raises SinewError where something cannot be meant."""
+    from sinew.identify.forced import Through, drive_shown, predict_fit, read_mechanics, shown_in
+
+    known = read_mechanics(asked.file)
+    if (asked.torque is None) == (asked.base is None):
+        raise SpecError("say what drives it: --torque, the levels of what pushes, or --base, by how much that moves")
+    name, text = ("--torque", asked.torque) if asked.torque is not None else ("--base", asked.base)
+    assert text is not None
+    words, _, unit = text.partition(":")
+    levels = console.number_list(name, words, "positive amplitudes, as 0.1,0.2", low=0, above=True)
+    kind: Kind = "torque" if asked.base is None else "base"
+    drive = drive_shown(known, kind, unit.strip(), through=asked.through is not None)
+    levels = [one / drive.factor for one in levels]
+    point, motion = None, None
+    if asked.through is not None:
+        found = _point(asked.through)
+        motion = shown_in(known.unit, (found["unit"] or "").strip() or known.unit_said)
+        hertz, size = (_number(found[part]) for part in ("hertz", "size"))
+        std = _number(found["std"]) if found["std"] else 0.0
+        level = _number(found["level"]) / drive.factor if found["level"] else None
+        point = Through(hertz, size / motion.factor, std / motion.factor, level)
+    band = _band(known, asked.start, asked.stop)
+    with console.progress_bar("draw") as progress:
+        return predict_fit(
+            known,
+            torque=levels if asked.torque is not None else None,
+            base=levels if asked.base is not None else None,
+            through=point,
+            band_hz=band,
+            draws=asked.bands or DRAWS,
+            seed=asked.seed,
+            motion=motion,
+            drive=drive,
+            progress=progress,
+        )
+
+
+def _point(text: str) -> "re.Match[str]":
+    found = _POINT.fullmatch(text.strip())
+    if found is None:
+        raise SpecError(f"--through is {text!r}, expected HZ:AMPLITUDE, as 3.1:12+-0.2:deg@0.5")
+    return found
+
+
+def _number(text: str) -> float:
+    return console.number_list("--through", text.strip(), "a positive number", between="\n", low=0)[0]
+
+
+def _band(known: "Mechanics", start: float | None, stop: float | None) -> tuple[float, float] | None:
+    from math import pi, sqrt
+
+    if start is None and stop is None:
+        return None
+    natural = sqrt(max(known.value("stiffness"), 0.0)) / (2 * pi)
+    return console.checked_band((natural / 3 if start is None else start, 2 * natural if stop is None else stop))
+
+
+def write_forced(found: "Forced", document: dict[str, Any], folder: Path, rebuild: str) -> Path:
+    """Write prediction.json, figures and prediction.html into a folder; return the page."""
+    from sinew.figures.predicted import draw_forced, write_forced_page
+    from sinew.figures.style import save_figure
+    from sinew.measure.files.netcdf import provenance
+
+    paths = list(save_figure(draw_forced(found), folder / "figures", "forced_response", ("png", "pdf")))
+    console.write_json(document, folder / "prediction.json")
+    origins = [("versions", str(provenance("import")["versions"]))]
+    return write_forced_page(folder / "prediction.html", document, figures=paths, rebuild=rebuild, origins=origins)
+
+
+# ---- the commands
+
 
 Backbones = Callable[[], list[dict[str, Any]]]
 
@@ -163,9 +300,9 @@ def predict(
         str | None, typer.Argument(metavar="RIG|FIT.json", help="A rig, file or name; or a fit of sinew identify.")
     ] = None,
     oscillator: Annotated[str | None, option("KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")] = None,
-    torque: predict_fit.Torque = None,
-    base: predict_fit.Base = None,
-    through: predict_fit.Point = None,
+    torque: Torque = None,
+    base: Base = None,
+    through: Point = None,
     pretension: Pretension = "0,4,8,12",
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
@@ -211,7 +348,7 @@ def predict(
       sinew identify decay.csv --time t --output phi:deg --model drag-cubic --out fit
       sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2 --out forced
     """
-    if rig is not None and predict_fit.is_fit(rig):
+    if rig is not None and is_fit(rig):
         given = [*joint.given, *Further(against=against, fitted_mm=fitted).given]
         rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0}
         rigs |= {"--mode": mode != "position", "--without": bool(without)}
@@ -220,7 +357,7 @@ def predict(
         given += [name for name, value in rigs.items() if value]
         if given:
             raise SpecError(f"{given[0]} does not go with a fit; leave it out")
-        _predict_fit(predict_fit.AskedOfFit(rig, torque, base, through, start, stop, bands, seed), out, json=json)
+        _predict_fit(AskedOfFit(rig, torque, base, through, start, stop, bands, seed), out, json=json)
         return
     if through is not None:
         raise SpecError("--through is for a fit, FIT.json of sinew identify; leave it out")
@@ -308,31 +445,22 @@ def _predict_bent(
             band_hz=asked.band_hz,
             progress=progress,
         )
+    written = ""
     if out is not None:
-        from sinew.figures.coupled import write_bent
+        from sinew.figures.space import write_bent
 
-        written = write_bent(found, out)
-    if json:
-        console.print_json(found.document())
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"wrote {', '.join(map(str, written))}")
+        written = f"wrote {', '.join(map(str, write_bent(found, out)))}"
+    console.print_result(found.document(), found.told(), written, json=json)
 
 
-def _predict_fit(asked: predict_fit.AskedOfFit, out: Path | None, *, json: bool) -> None:
+def _predict_fit(asked: AskedOfFit, out: Path | None, *, json: bool) -> None:
     if out is not None:
         console.require_folder(out)
-    found = predict_fit.predicted_fit(asked)
+    found = predicted_fit(asked)
     document = {"fit": asked.file, **found.document()}
     if out is not None:
-        predict_fit.write_forced(found, document, out, shlex.join([*asked.words(), "--out", str(out)]))
-    if json:
-        console.print_json(document)
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"written: {out}")
+        write_forced(found, document, out, shlex.join([*asked.words(), "--out", str(out)]))
+    console.print_result(document, found.told(), f"written: {out}" if out else "", json=json)
 
 
 def _oscillator(

@@ -120,8 +120,8 @@ def _describing(
 ) -> list[dict[str, Any]]:
     import math
 
-    from sinew.predict.describing import describing_function
     from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.predict.linear import describing_function
     from sinew.predict.predicted import equivalent_document
     from sinew.solve.curves import predict
 

@@ -1,4 +1,4 @@
-"""The command `sinew analyse`: a recording, or somebody's CSV file, becomes resonance and damping."""
+"""`sinew analyse` and `sinew current`: a recording becomes resonance and damping; whose current its motors tell."""
 
 import math
 from pathlib import Path
@@ -7,20 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import (
-    ColumnDrive,
-    ColumnResponse,
-    Columns,
-    ColumnTime,
-    Gaps,
-    Json,
-    Rate,
-    Run,
-    Settle,
-    Start,
-    Stop,
-    option,
-)
+from sinew.apps.console import Json, option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -31,16 +18,16 @@ if TYPE_CHECKING:
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
     kind: Annotated[str | None, option(console.KINDS, "What a CSV file holds; without it, auto finds out.")] = None,
-    time: ColumnTime = None,
-    response: ColumnResponse = None,
-    drive: ColumnDrive = None,
-    start: Start = None,
-    stop: Stop = None,
-    gaps: Gaps = "refuse",
-    run: Run = None,
-    columns: Columns = None,
-    rate: Rate = None,
-    settle: Settle = None,
+    time: console.ColumnTime = None,
+    response: console.ColumnResponse = None,
+    drive: console.ColumnDrive = None,
+    start: console.Start = None,
+    stop: console.Stop = None,
+    gaps: console.Gaps = "refuse",
+    run: console.Run = None,
+    columns: console.Columns = None,
+    rate: console.Rate = None,
+    settle: console.Settle = None,
     from_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes from here on; else found.")] = None,
     to_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes up to here; else found.")] = None,
     modes: Annotated[int | None, option("N", "How many modes; else as many as show.")] = None,
@@ -90,10 +77,7 @@ def analyse(
     )
     if out is not None:
         _write(found, out)
-    if json:
-        console.print_json(found.document)
-    else:
-        console.print_told(found.told())
+    console.print_result(found.document, found.told(), json=json)
     for note in found.notes:
         console.remark(note)
 
@@ -130,3 +114,31 @@ def _write(found: "Analysed", folder: Path) -> None:
         from sinew.figures.style import save_figure
 
         save_figure(draw_broadband(found.document), folder, str(found.document["kind"]), ("png", "pdf"))
+
+
+# ---- the command `sinew current`: whose current the motors of a recording tell, their own or their supply's
+
+
+def current(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording of a bench (NetCDF).")],
+    rig: Annotated[str | None, option("RIG", "A rig: unit of the current; else the recording's.")] = None,
+    json: Json = False,
+) -> None:
+    """Tell whether Present Current is the motor's or its supply's, motor by motor, from a recording of a bench.
+
+    Nothing but duty, speed and current is asked: at the same torque the motor's current stays where the duty changes,
+    the supply's goes with it. The answer is the exponent of the duty with a 90 % interval, 0 for the motor's and 1 for
+    the supply's, and says undetermined where the recording does not part the two. The plan `current` loads and moves
+    all motors so that it does.
+    """
+    from sinew.analysis.analysed import recording_rig
+    from sinew.analysis.current import currents_told, sense_currents
+    from sinew.measure.errors import SpecError
+    from sinew.measure.files.netcdf import load_recording
+
+    recording = load_recording(file)
+    used = recording_rig(recording, rig)
+    if used is None:
+        raise SpecError(f"{file} names no rig, expected one for the unit of the current; name it with --rig")
+    found = sense_currents(recording, used.tendons.current_lsb.value)
+    console.print_result({"motors": [one.to_json() for one in found]}, currents_told(found), json=json)

@@ -6,26 +6,14 @@ from typing import Annotated, Any
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import (
-    ColumnDrive,
-    ColumnResponse,
-    Columns,
-    ColumnTime,
-    Gaps,
-    Json,
-    Rate,
-    Run,
-    Start,
-    Stop,
-    option,
-)
+from sinew.apps.console import Json, option
 
 
 def look(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew.")],
-    run: Run = None,
-    columns: Columns = None,
-    rate: Rate = None,
+    run: console.Run = None,
+    columns: console.Columns = None,
+    rate: console.Rate = None,
     json: Json = False,
 ) -> None:
     """Tell what is in a file: format, runs, columns with their units, rate, gaps, and the command to go on with.
@@ -33,28 +21,25 @@ def look(
     Text in any dialect (preambles, units below the header, decimal commas, no header at all), LabVIEW .lvm, MATLAB
     .mat, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.
     """
-    from sinew.measure.look import look as find
+    from sinew.measure.read import look as find
 
     found = find(file, run=run, columns=columns, rate_hz=rate)
-    if json:
-        console.print_json(found.document)
-    else:
-        console.print_told(found.told())
+    console.print_result(found.document, found.told(), json=json)
 
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A table: text in any dialect, or another program's.")],
     out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
-    time: ColumnTime = None,
-    response: ColumnResponse = None,
-    drive: ColumnDrive = None,
+    time: console.ColumnTime = None,
+    response: console.ColumnResponse = None,
+    drive: console.ColumnDrive = None,
     kind: Annotated[str, option(console.KINDS, "What was recorded; auto leaves it to analyse to find out.")] = "auto",
-    start: Start = None,
-    stop: Stop = None,
-    gaps: Gaps = "refuse",
-    run: Run = None,
-    columns: Columns = None,
-    rate: Rate = None,
+    start: console.Start = None,
+    stop: console.Stop = None,
+    gaps: console.Gaps = "refuse",
+    run: console.Run = None,
+    columns: console.Columns = None,
+    rate: console.Rate = None,
     json: Json = False,
 ) -> None:
     """Turn somebody's file into a recording: text in any dialect, MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.

@@ -115,15 +115,11 @@ def identify(
         chain=chain,
     )
     found = _find_stepped(asked) if kind == "stepped" else _find(asked)
+    written = ""
     if out is not None:
         with console.progress_bar("draw"):
-            page = _write(found, asked, out)
-    if json:
-        console.print_json(found.document)
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"page: {page}")
+            written = f"page: {_write(found, asked, out)}"
+    console.print_result(found.document, found.told(), written, json=json)
 
 
 @dataclass(frozen=True)
@@ -328,7 +324,7 @@ def _chain(text: str | None) -> tuple[str, ...]:
 def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
     from sinew.apps.recordings.stored import hash_file
-    from sinew.figures.fit.page import draw_identified, write_fit_page
+    from sinew.figures.fit import draw_identified, write_fit_page
     from sinew.figures.style import save_figure
     from sinew.measure.files.netcdf import provenance
 

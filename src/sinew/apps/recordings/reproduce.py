@@ -142,11 +142,7 @@ def _report_tracking(recording: "xr.Dataset", rig: str | None, folder: Path, *, 
     document = found.document["tracking"]
     figures = save_tracking(document, folder / "figures")
     page = write_tracking_page(folder / "report.html", document, figures, _rebuild(recording, folder, rig))
-    if json:
-        console.print_json(found.document)
-        return
-    console.print_told(found.told())
-    print(f"report: {page}")
+    console.print_result(found.document, found.told(), f"report: {page}", json=json)
 
 
 def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:

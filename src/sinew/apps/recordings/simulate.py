@@ -1,11 +1,17 @@
-"""`sinew simulate`: a plan run on the physics twin, recorded as a bench would."""
+"""`sinew simulate` and `sinew check`: a plan run on the physics twin, and previewed there before it meets a bench."""
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sinew.apps import console
 from sinew.apps.console import Json, PlanArgument, Rig, Seed, Without, option
+from sinew.measure.estimate import fixed
+
+if TYPE_CHECKING:
+    from sinew.plan.check import Preview
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
 
 
 def simulate(
@@ -54,3 +60,78 @@ def simulate(
         console.print_json(document)
     else:
         print(f"{out}: {document['samples']} samples in {document['segments']} segments, {preview.duration_s:.0f} s")
+
+
+# ---- `sinew check`: a plan before it meets a bench, previewed on the physics twin
+
+
+def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
+    """Preview a plan on a rig before anything moves.
+
+    Prints duration, the drive amplitude that can be reached at each frequency, tendon tensions, torsion, and every
+    limit of the rig that the plan would break. Ends with status 2 if there is one. Of a bent or swaying head it says
+    what the sweep should give, by the linear joint.
+    """
+    from sinew.bench.preflight import wire_times
+    from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
+    from sinew.plan.toml import load_plan, load_rig
+    from sinew.predict.preview import expected_of, preview_plan, sentences_of, told_preview
+
+    plan_, rig_ = load_plan(plan), load_rig(rig)
+    preview = preview_plan(plan_, rig_, swing=True)
+    expected = expected_of(plan_, rig_, preview)
+    told = told_preview(plan_, rig_, preview, expected) | {"wire": wire_times(plan_, rig_)}
+    if json:
+        console.print_json(told)
+    else:
+        _print_preview(plan_, preview, told)
+        _print_wire(plan_, rig_, told["wire"])
+        for sentence in sentences_of(expected, plan_):
+            print(sentence)
+    refuse_beyond_limits(preview)
+    return 0
+
+
+def _print_wire(plan: "Plan", rig: "RigSpec", wire: dict[str, Any]) -> None:
+    print(
+        f"a cycle is on the wire for {wire['plain_ms']:.2f} ms at {rig.wiring.baud:g} baud, with fast reads for "
+        f"{wire['fast_ms']:.2f} ms; {plan.sample_hz:g} Hz allow {wire['limit_ms']:.2f} ms"
+    )
+
+
+def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> None:
+    print(f"plan {plan.name} on rig {told['rig']}: {preview.groups} motions, {preview.samples} samples,", end=" ")
+    longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
+    print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
+    print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
+    if pose := told.get("pose"):
+        print(
+            f"pose: {plan.rest_pose.words()} (pitch {fixed(pose['pitch_deg'], 1)}°, roll {fixed(pose['roll_deg'], 1)}°)"
+        )
+    if preview.frequency_hz and plan.sweep is not None:
+        rows = [
+            (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
+            for row in told["drive"]
+        ]
+        title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
+        console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
+    if preview.tension_n:
+        _print_tensions(plan, preview)
+    for finding in preview.findings:
+        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
+    if not preview.refusals:
+        print("no limit of the rig is broken")
+
+
+def _print_tensions(plan: "Plan", preview: "Preview") -> None:
+    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or ["–"] * len(preview.tension_n)
+    held = [
+        (f"{p:g}", fixed(t, 1), twist)
+        for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
+    ]
+    whose = "tension of each tendon" if plan.rest_pose.is_straight else "largest tension of a tendon"
+    console.print_table(("pretension/mm", f"{whose} at rest/N", "largest torsion/°"), held, "tendons and torsion")
+
+
+def _time(seconds: float) -> str:
+    return "{} min {} s".format(*divmod(round(seconds), 60))

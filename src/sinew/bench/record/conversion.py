@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, robust_std
 from sinew.measure.errors import RecordingError

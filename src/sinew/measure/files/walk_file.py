@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
@@ -39,16 +40,14 @@ _REST_M_S2 = (7.0, 14.0)
 _FAST_RAD_S = 6.0
 
 
-@dataclass(frozen=True)
-class Imu:
+class Imu(NamedTuple):
     """An inertial sensor on one part of the body, in its own axes: rad/s and m/s², shape (n, 3) each."""
 
     gyro: Array
     acceleration: Array
 
 
-@dataclass(frozen=True)
-class MarkerPair:
+class MarkerPair(NamedTuple):
     """A left and a right marker on one part of the body, the third axis up: m, shape (n, 3) each."""
 
     left: Array

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.figures.page import Caption
-from sinew.figures.pose import draw_workspace
-from sinew.figures.space import draw_over_pretension
+from sinew.figures.space import draw_over_pretension, draw_workspace
 from sinew.figures.style import (
     ACCENT,
     GREEN,
@@ -26,11 +25,19 @@ from sinew.figures.style import (
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.paper.answers.answer import Answer
-from sinew.paper.answers.bent import COUPLING, ENGINE, RESONANCE, answer_bent
-from sinew.paper.answers.poses import ASYMMETRY, CARRYING, answer_asymmetry, answer_carrying
+from sinew.paper.answers.bent import (
+    ASYMMETRY,
+    CARRYING,
+    COUPLING,
+    ENGINE,
+    RESONANCE,
+    answer_asymmetry,
+    answer_bent,
+    answer_carrying,
+)
 from sinew.plan.rig import RigSpec
 from sinew.predict.modes import find_modes
-from sinew.predict.poses.workspace import map_workspace
+from sinew.predict.workspace import map_workspace
 
 AZIMUTH_DEG = 90.0
 """Of `plans/bent.toml`, which tests what is answered here."""

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.repeats import Trend, fit_trend, ratio_interval
-from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.sweep.response import FEWEST_PRETENSIONS, fit_saturation
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words

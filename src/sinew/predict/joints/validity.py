@@ -12,8 +12,8 @@ from scipy import optimize
 
 from sinew.measure.arrays import Array, namespace_of
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.mechanics.column import column_load
 from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.rod import column_load
 from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.rig import RigSpec
@@ -147,7 +147,7 @@ def bonded_torsion_factor(torsion_constant: Any, warping_constant: Any, length: 
 # the base. With motors that hold a position they keep the head from tilting as well, the column is held at both ends
 # and P = 4 π² E I/L². With motors that hold a current nothing but the silicone keeps the head from tilting; a load
 # whose line passes through the foot of a clamped column gives P = π² E I/L² (Timoshenko and Gere, Theory of Elastic
-# Stability, chapter 2). Rubber columns are short, shear and thicken as well: `sinew.mechanics.column`.
+# Stability, chapter 2). Rubber columns are short, shear and thicken as well: `sinew.mechanics.rod`.
 #
 # By twisting: compression lets a section twist more easily (Wagner). For an incompressible neo-Hookean bar at the
 # stretch λ the torsional stiffness is (G/L) (I_p/λ - (I_p - J)/λ⁴) (`sinew.mechanics.silicone.twist_rigidity`), which

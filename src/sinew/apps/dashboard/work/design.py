@@ -275,8 +275,7 @@ def suggest_pretension(
     and what else `sinew tune --json` says of one setting. Raises SpecError where a number cannot be meant.
     """
     from sinew.predict.band import draw_rigs
-    from sinew.tune.pretension import tune_pretension
-    from sinew.tune.resonance import Swing
+    from sinew.tune.pretension import Swing, tune_pretension
     from sinew.twin.cache import configure
 
     if amplitude_deg is not None and yaw_deg is not None:

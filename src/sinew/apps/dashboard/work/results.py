@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING
-from sinew.bench.record.journal_reader import is_being_written
+from sinew.bench.record.journal import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from sinew.bench.record.journal_reader import Stretch
+    from sinew.bench.record.journal import Stretch
     from sinew.plan.rig import RigSpec
 
 _RESULTS, _VERSION = "results.json", 2
@@ -327,7 +327,7 @@ class LiveResults:
         `decay_rate_per_s`, `repeats`. `groups_done`: finished, `pending`: of them not yet analysed. `notes`: sentences
         on groups that could not be. Raises FileError where there is no journal.
         """
-        from sinew.bench.record.journal_reader import JournalReader
+        from sinew.bench.record.journal import JournalReader
         from sinew.plan.toml import parse_rig
 
         with JournalReader(self.path) as journal:

@@ -13,7 +13,7 @@ from typing import Any, cast
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.console import write_json
 from sinew.apps.dashboard.operators import CACHE, SHELVES, held_inside, unlinked
-from sinew.bench.record.journal_reader import is_being_written, summarise_journal
+from sinew.bench.record.journal import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan

@@ -22,7 +22,7 @@ import numpy as np
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING
-from sinew.bench.record.journal_reader import JournalReader, is_being_written
+from sinew.bench.record.journal import JournalReader, is_being_written
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from

@@ -1,0 +1,665 @@
+"""An emulated motor: what moves its horn, and the motor as a master sees it.
+
+Not emulated: the secondary (shadow) id, the status with a CRC error, startup_configuration, backups, and the integral,
+derivative and feed-forward gains. Assumed where the manual is silent: torque on is refused with error 1 after a
+shutdown; a watchdog that has tripped takes nothing but 0; what a master asks with malformed parameters gets error 5.
+As the manual has it, a new operating mode and a start put goal_current and goal_pwm to their limits, and
+torque on leaves them there: a master that wants a gentle start writes them first.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+
+from sinew.emulator.device import DATA_LIMIT, DATA_RANGE, RESULT_FAIL, ControlTable, Part, RegisterSet
+from sinew.emulator.plant import Horn, Law
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import Instruction
+from sinew.hardware.motor import FAST_READS_FROM
+from sinew.hardware.registers import (
+    CURRENT_MODE,
+    CURRENT_POSITION_MODE,
+    ELECTRICAL_SHOCK,
+    EXTENDED_POSITION_MODE,
+    OVERHEATING,
+    OVERLOAD,
+    POSITION_MODE,
+    PWM_MODE,
+    VELOCITY_MODE,
+    VOLTAGE,
+    WATCHDOG_TRIPPED,
+    RegisterTable,
+)
+from sinew.plan.servo import (
+    ACCELERATION_LSB,
+    COUNTS_PER_TURN,
+    COUNTS_PER_VOLT,
+    FULL_DUTY_COUNTS,
+    P_GAIN_LSB,
+    PULSE,
+    SERVOS,
+    SPEED_LSB,
+    WATCHDOG_LSB,
+)
+from sinew.plan.servo import Servo as DataSheet
+
+# ---- a motor at its horn: its goals move it, and its motion becomes the present registers
+
+
+# A goal becomes a trajectory: a motor's speed and acceleration profile.
+#
+# Source: e-Manual, "What is the Profile". The trajectory is advanced in steps, from where it is and as fast as it is,
+# so that a goal that changes on the way is met smoothly.
+
+PROFILE_STEP = 2e-3
+"""Time between two points of a trajectory [s]."""
+
+
+@dataclass(slots=True)
+class Profile:
+    """Where a trajectory is, in counts and counts/s, and where it goes.
+
+    top_speed: [counts/s], 0: none, the goal is taken at once. acceleration: [counts/s²], 0: the speed is taken at once.
+    """
+
+    position: float = 0.0
+    speed: float = 0.0
+    goal: float = 0.0
+    top_speed: float = 0.0
+    acceleration: float = 0.0
+    is_running: bool = False
+
+    def jump(self, position: float) -> None:
+        """Be at a position, at rest."""
+        self.position = self.goal = position
+        self.speed = 0.0
+        self.is_running = False
+
+    def aim(self, goal: float, top_speed: float, acceleration: float) -> None:
+        """Set out for a goal."""
+        if top_speed <= 0:
+            self.jump(goal)
+            return
+        self.goal, self.top_speed, self.acceleration = goal, top_speed, acceleration
+        self.is_running = goal != self.position or self.speed != 0.0
+
+    def advance(self, dt: float) -> None:
+        """Move on by a time [s]."""
+        if not self.is_running:
+            return
+        way = self.goal - self.position
+        if self.acceleration <= 0:
+            self.speed = math.copysign(self.top_speed, way)
+            done = abs(way) <= self.top_speed * dt
+        else:
+            a = self.acceleration
+            # Largest speed from which it still stops at the goal, in whole steps.
+            brake = a * (math.sqrt(dt * dt / 4 + 2 * abs(way) / a) - dt / 2)
+            wanted = math.copysign(min(self.top_speed, brake), way)
+            change = max(-a * dt, min(a * dt, wanted - self.speed))
+            self.speed += change
+            done = abs(way) <= a * dt * dt and abs(self.speed) <= 2 * a * dt
+        if done:
+            self.jump(self.goal)
+        else:
+            self.position += self.speed * dt
+
+
+# An operating mode becomes a law: what of the registers the motor's controller uses.
+#
+#     0 current           goal_current, duty limited by goal_pwm
+#     1 velocity          goal_velocity, duty limited by goal_pwm
+#     3 position          goal_position within the position limits, one turn, duty limited by goal_pwm
+#     4 extended position goal_position over 512 turns, duty limited by goal_pwm
+#     5 current-based     as 4, and the current limited by goal_current
+#     16 PWM              goal_pwm
+#
+# Source: e-Manual, "Operating Mode(11)". Integral, derivative and feed-forward gains
+# are kept in their registers and have no effect; the velocity loop's missing integral part is made up for by a larger
+# P gain.
+
+MODES = (CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE)
+"""Values of operating_mode that there are."""
+POSITION_MODES = (POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
+"""Those that go to goal_position."""
+
+_INTEGRAL = 16.0  # factor on the velocity loop's P gain that stands for its integral part
+_SCALED = (
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+)
+
+
+def goal_of(mode: int) -> str:
+    """Return the register that a mode goes by."""
+    return {CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm"}.get(
+        mode, "goal_position"
+    )
+
+
+def reset_for_mode(registers: ControlTable) -> None:
+    """Do to the registers what a new operating mode does: gains as from the factory, no profile, goals to their limits.
+
+    The manual gives the gains of mode 5 no numbers of their own; they are taken to be those of the others.
+    """
+    for name in _SCALED:
+        initial = registers.rows[name].initial
+        assert initial is not None
+        registers[name] = initial
+    registers["profile_velocity"] = registers["profile_acceleration"] = 0
+    registers["goal_pwm"] = registers["pwm_limit"]
+    registers["goal_current"] = registers["current_limit"]
+
+
+def law_of(registers: ControlTable, sign: int, angle: float, speed: float) -> Law:
+    """Return the law of the present mode and goals.
+
+    sign: of the plant's sense that counts have. angle: the plant's angle to go to [rad], speed: the plant's speed to
+    keep [rad/s], in the modes that do so.
+    """
+    mode, ampere = registers["operating_mode"], registers.rows["goal_current"].scale
+    if mode == PWM_MODE:
+        return Law("pwm", sign * _duty(registers["goal_pwm"]))
+    limit = abs(_duty(registers["goal_pwm"]))
+    if mode == CURRENT_MODE:
+        return Law("current", sign * registers["goal_current"] * ampere, duty_limit=limit)
+    if mode == VELOCITY_MODE:
+        gain = registers["velocity_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / SPEED_LSB * _INTEGRAL
+        return Law("velocity", speed, gain, limit)
+    gain = registers["position_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / PULSE
+    current = abs(registers["goal_current"]) * ampere if mode == CURRENT_POSITION_MODE else math.inf
+    return Law("position", angle, gain, limit, current)
+
+
+def _duty(counts: int) -> float:
+    return max(-1.0, min(1.0, counts / FULL_DUTY_COUNTS))
+
+
+_LARGEST_OFFSET_IN_ONE_TURN = 1024  # homing offset beyond it is ignored in position mode
+_PRESENT_LAYOUT = struct.Struct("<HBBhhiiiiHB")  # realtime_tick .. present_temperature
+_PRESENT_START = 120
+_DRIVE_MODE, _MODE = 10, 11  # addresses of single bytes that are asked for all the time
+_COUNTS_PER_SPEED = SPEED_LSB / PULSE  # counts/s
+_COUNTS_PER_ACCELERATION = ACCELERATION_LSB / PULSE  # counts/s²
+_REACHED = 20.0  # counts within which a goal counts as reached, or a trajectory as followed; assumed
+_REVERSE, _TIME_BASED = 0x01, 0x04
+_ONGOING, _FOLLOWING_ERROR, _IN_POSITION = 0x02, 0x08, 0x01
+_RECTANGULAR, _TRAPEZOIDAL = 0x10, 0x30
+
+
+class Servo:
+    """What a motor does with its horn.
+
+    Positions are counts as the registers have them: those of the encoder, less whole turns (since the motor knows its
+    turns only from when it was started), plus the homing offset. In reverse mode all of them, speeds and efforts
+    included, are inverted (the manual says so of positions; of the others it is assumed).
+
+    is_on: whether the torque is. is_held: whether it was stopped, and waits for another goal. tells_supply: whether its
+    register of the current tells the supply's and not the motor's.
+    """
+
+    def __init__(self, registers: ControlTable, horn: Horn) -> None:
+        self._registers, self._horn = registers, horn
+        self._profile = Profile()
+        self.is_on = False
+        self._turns = 0.0
+        self._next_step = math.inf
+        self.is_held = self.tells_supply = False
+
+    @property
+    def due(self) -> float:
+        """When it is to be advanced again [s]."""
+        return self._next_step
+
+    @property
+    def _direction(self) -> int:
+        return -1 if self._registers.memory[_DRIVE_MODE] & _REVERSE else 1
+
+    @property
+    def sign(self) -> int:
+        """Of the plant's sense that more counts have."""
+        return self._direction * self._horn.sign
+
+    def position(self) -> float:
+        """Return the present position in counts, with fractions."""
+        registers = self._registers
+        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
+        if not self.is_on and registers.memory[_MODE] == POSITION_MODE:
+            self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
+        return counts - self._turns + self._offset()
+
+    def forget_turns(self) -> None:
+        """Take the present position for one within the first turn."""
+        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
+        self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
+        self._profile.jump(self.position())
+        if self.is_on:
+            self._settle_on_present()
+
+    def turn_on(self, now: float) -> None:
+        """Put the torque on: from where it is, at rest."""
+        self.position()
+        self.is_on = True
+        self.is_held = False
+        self._registers["goal_velocity"] = 0
+        self._settle_on_present()
+        self.pursue(now)
+
+    def turn_off(self) -> None:
+        """Take the torque off."""
+        self.is_on = False
+        self._next_step = math.inf
+        self._horn.set_law(Law())
+        self._profile.jump(self.position())
+
+    def hold(self) -> None:
+        """Stop where it is, whatever the goal and the profile; with no output in current and PWM mode (assumed).
+
+        In extended position mode the firmware forgets the homing offset here, and the motor moves by as much
+        (ROBOTIS-GIT/DynamixelSDK issue 584).
+        """
+        registers, mode = self._registers, self._registers.memory[_MODE]
+        self.is_held = True
+        self._next_step = math.inf
+        if mode in POSITION_MODES:
+            self._settle_on_present()
+            fault = self._offset() if mode == EXTENDED_POSITION_MODE else 0
+            self._horn.set_law(law_of(registers, self.sign, self._angle_of(self._profile.position + fault), 0.0))
+            return
+        registers[goal_of(mode)] = 0
+        self._profile.jump(0.0)
+        self._horn.set_law(law_of(registers, self.sign, 0.0, 0.0))
+
+    def aim(self, now: float) -> None:
+        """Set out for the goal that the registers have now."""
+        registers, mode = self._registers, self._registers.memory[_MODE]
+        if not self.is_on:
+            return
+        self.is_held = False
+        if mode in POSITION_MODES:
+            goal = float(registers["goal_position"])
+            self._profile.aim(goal, *self._pace(goal))
+        elif mode == VELOCITY_MODE:
+            rate = registers["profile_acceleration"] * _COUNTS_PER_ACCELERATION / _COUNTS_PER_SPEED
+            self._profile.aim(float(registers["goal_velocity"]), rate, 0.0)
+        self.pursue(now)
+
+    def pursue(self, now: float) -> None:
+        """Have the horn follow the registers and the trajectory."""
+        if not self.is_on or self.is_held:
+            return
+        if self._profile.is_running:
+            self._next_step = min(self._next_step, now + PROFILE_STEP)
+        else:
+            self._next_step = math.inf
+        at, sign = self._profile.position, self.sign
+        is_speed = self._registers.memory[_MODE] == VELOCITY_MODE
+        angle, speed = (0.0, sign * at * SPEED_LSB) if is_speed else (self._angle_of(at), 0.0)
+        self._horn.set_law(law_of(self._registers, sign, angle, speed))
+
+    def advance(self, now: float) -> None:
+        """Go one step along the trajectory, if one is due."""
+        if now >= self._next_step:
+            self._profile.advance(PROFILE_STEP)
+            self._next_step += PROFILE_STEP
+            self.pursue(now)
+
+    def is_moving(self) -> bool:
+        """Return what the register `moving` says."""
+        speed = abs(self._horn.motion().speed) / SPEED_LSB
+        return speed > self._registers["moving_threshold"] or self._is_underway()
+
+    def tell(self, tick: int, volts: float, degrees: float) -> None:
+        """Bring the present registers up to date."""
+        registers, sign = self._registers, self.sign
+        motion, position, profile = self._horn.motion(), self.position(), self._profile
+        current = motion.current * abs(motion.duty) if self.tells_supply else motion.current
+        speed = registers.memory[_MODE] == VELOCITY_MODE
+        _PRESENT_LAYOUT.pack_into(
+            registers.memory,
+            _PRESENT_START,
+            tick & 0x7FFF,
+            self.is_moving(),
+            self._status(position),
+            _clip(sign * motion.duty * FULL_DUTY_COUNTS, 16),
+            _clip(sign * current / registers.rows["present_current"].scale, 16),
+            _clip(sign * motion.speed / SPEED_LSB, 32),
+            _clip(position, 32),
+            _clip(profile.position if speed else profile.speed / _COUNTS_PER_SPEED, 32),
+            0 if speed else _clip(profile.position, 32),
+            max(0, min(0xFFFF, round(volts * COUNTS_PER_VOLT))),
+            max(0, min(0xFF, int(degrees))),
+        )
+
+    def _status(self, position: float) -> int:
+        """Return the bits of moving_status."""
+        registers = self._registers
+        if not self.is_on or registers.memory[_MODE] not in POSITION_MODES:
+            return 0
+        bits = _IN_POSITION * (abs(registers["goal_position"] - position) <= _REACHED)
+        bits |= _FOLLOWING_ERROR * (abs(self._profile.position - position) > _REACHED)
+        if self._profile.is_running:
+            bits |= _ONGOING | (_TRAPEZOIDAL if self._profile.acceleration else _RECTANGULAR)
+        return bits
+
+    def _is_underway(self) -> bool:
+        return self._profile.is_running and self._registers.memory[_MODE] in POSITION_MODES
+
+    def _settle_on_present(self) -> None:
+        """Make the present position the goal, at rest; of a motor that keeps a speed, take it for standing still."""
+        if self._registers.memory[_MODE] == VELOCITY_MODE:
+            self._profile.jump(0.0)
+            return
+        present = round(self.position())
+        self._registers["goal_position"] = present
+        self._profile.jump(float(present))
+
+    def _offset(self) -> int:
+        """Return the homing offset that counts."""
+        registers = self._registers
+        offset = registers["homing_offset"]
+        in_one_turn = registers.memory[_MODE] == POSITION_MODE
+        return 0 if in_one_turn and abs(offset) > _LARGEST_OFFSET_IN_ONE_TURN else offset
+
+    def _angle_of(self, position: float) -> float:
+        return self._horn.angle_of(self._direction * (position - self._offset() + self._turns))
+
+    def _pace(self, goal: float) -> tuple[float, float]:
+        """Return the top speed [counts/s] and acceleration [counts/s²] of the way to a goal; 0 where there is none."""
+        registers = self._registers
+        velocity, acceleration = registers["profile_velocity"], registers["profile_acceleration"]
+        if velocity <= 0:
+            return 0.0, 0.0
+        if registers["drive_mode"] & _TIME_BASED:
+            whole = velocity * 1e-3
+            ramp = min(acceleration * 1e-3, whole / 2)
+            top = abs(goal - self._profile.position) / (whole - ramp)
+            return top, (top / ramp if ramp else 0.0)
+        top = min(velocity, registers["velocity_limit"]) * _COUNTS_PER_SPEED
+        return top, acceleration * _COUNTS_PER_ACCELERATION
+
+
+def _clip(value: float, bits: int) -> int:
+    limit = 1 << (bits - 1)
+    return max(-limit, min(limit - 1, round(value)))
+
+
+# A motor grows warm, and notices that it is too warm, overloaded or badly fed.
+#
+# The manual says what is detected, not how. Assumed: first-order heating by I²R of the winding, whose resistance is
+# nominal voltage over stall current; 6 K/W to surroundings of 25 °C with a time constant of 300 s, so that an
+# XH430-W350 may carry 0.99 A for ever and is shut down 4.4 min into a stall at 12 V; overload where the current
+# stays at 80 % of the stall current or more for 1 s. The voltage's bit follows the voltage unless it is in the shutdown
+# mask; all others stay until the motor starts anew.
+
+# ---- the motor as a master sees it
+
+
+PERIOD = 0.05
+"""How often a motor looks after itself [s]."""
+
+_AMBIENT, _PER_WATT, _TIME_CONSTANT = 25.0, 6.0, 300.0
+_OVERLOAD_SHARE, _OVERLOAD_TIME = 0.8, 1.0
+
+
+@dataclass(slots=True)
+class Protection:
+    """What a motor knows about its own health.
+
+    servo: its model. temperature: of the winding, taken for that of the register [°C]. overloaded_for: [s].
+    latched: bits that stay until the motor starts anew.
+    """
+
+    servo: DataSheet
+    temperature: float = _AMBIENT
+    overloaded_for: float = 0.0
+    latched: int = 0
+
+    def advance(self, dt: float, current: float) -> None:
+        """Carry a current [A] for a time [s]."""
+        target = _AMBIENT + _PER_WATT * self.servo.resistance * current * current
+        self.temperature += (target - self.temperature) * min(1.0, dt / _TIME_CONSTANT)
+        loaded = abs(current) >= _OVERLOAD_SHARE * self.servo.stall_current
+        self.overloaded_for = self.overloaded_for + dt if loaded else 0.0
+
+    def errors(self, supply: float, low: float, high: float, temperature_limit: float, shutdown: int) -> int:
+        """Return the bits of hardware_error_status, for a supply and its limits [V] and a limit [°C]."""
+        bad_voltage = not low <= supply <= high
+        if self.temperature > temperature_limit:
+            self.latched |= OVERHEATING
+        if self.overloaded_for >= _OVERLOAD_TIME - PERIOD / 2:
+            self.latched |= OVERLOAD
+        if bad_voltage and shutdown & VOLTAGE:
+            self.latched |= VOLTAGE
+        return self.latched | VOLTAGE * bad_voltage
+
+    def restart(self) -> None:
+        """Forget the errors; the winding stays warm."""
+        self.latched = 0
+        self.overloaded_for = 0.0
+
+
+START_TIME = 0.3
+"""How long a motor is deaf after power-on or reboot [s]; assumed."""
+
+_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+_LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
+_GAINS = ("velocity_p_gain", "position_p_gain")
+_TORQUE, _ERRORS = 64, 70  # addresses that every packet asks for
+_TORQUE_BY_GOAL = 0x08
+_CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
+_PRESENT = range(120, 148)
+_INDIRECT_START = 168
+
+
+class Motor(RegisterSet):
+    """One motor: registers, power, bus watchdog and protection around a `Servo`.
+
+    rows: of its model. horn: what it moves. device_id, baud_code: registers id and baud_rate as set before. firmware:
+    45 and later know fast reads. supply: [V].
+    loses: as a fault, names of registers whose writes it confirms and forgets.
+    """
+
+    def __init__(
+        self,
+        rows: RegisterTable,
+        horn: Horn,
+        *,
+        device_id: int = 1,
+        baud_code: int = 1,
+        firmware: int = 47,
+        supply: float = 12,
+        tells_supply: bool = False,
+    ) -> None:
+        super().__init__(ControlTable(rows), firmware)
+        registers = self.registers
+        registers["firmware_version"] = firmware
+        registers["id"], registers["baud_rate"] = device_id, baud_code
+        self.horn = horn
+        self.protection = Protection(SERVOS[rows.model])
+        self.supply = supply
+        self.loses: set[str] = set()
+        self._servo = Servo(registers, horn)
+        self._servo.tells_supply = tells_supply
+        self._deaf_until = -math.inf
+        self._started = 0.0
+        self._watchdog_due = math.inf
+        self._next_check = PERIOD
+        self._begin()
+
+    @property
+    def knows_fast_reads(self) -> bool:
+        return self.firmware >= FAST_READS_FROM
+
+    @property
+    def torque(self) -> bool:
+        """Whether the torque is on."""
+        return self.registers.memory[_TORQUE] != 0
+
+    @property
+    def is_locked(self) -> bool:
+        return self.torque
+
+    @property
+    def is_tripped(self) -> bool:
+        """Whether the bus watchdog has stopped it."""
+        return self.registers["bus_watchdog"] == WATCHDOG_TRIPPED
+
+    @property
+    def due(self) -> float:
+        """When `advance` has something to do [s]."""
+        return min(self._servo.due, self._watchdog_due, self._next_check)
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether the supply is enough for its controller."""
+        return self.supply >= self.protection.servo.brown_out
+
+    def hears(self, now: float) -> bool:
+        return self.is_powered and now >= self._deaf_until and self.registers.memory[13] == 2
+
+    def heed(self, now: float) -> None:
+        if self._watchdog_due < math.inf:
+            self._watchdog_due = now + self.registers["bus_watchdog"] * WATCHDOG_LSB
+
+    def advance(self, now: float) -> None:
+        """Do what is due: trajectory, watchdog, protection."""
+        self._servo.advance(now)
+        if now >= self._watchdog_due:
+            self._watchdog_due = math.inf
+            self.registers["bus_watchdog"] = WATCHDOG_TRIPPED
+            self._servo.hold()
+        if now >= self._next_check:
+            self._next_check += PERIOD
+            self.protection.advance(PERIOD, self.horn.motion().current)
+            self._check()
+
+    def set_supply(self, voltage: float, now: float) -> None:
+        """Feed it another voltage [V]: too little turns it off, and from there it starts anew."""
+        was_on = self.is_powered
+        self.supply = voltage
+        if self.is_powered != was_on:
+            self.restart(now)
+        self._check()
+
+    def fail(self, bits: int = ELECTRICAL_SHOCK) -> None:
+        """Have a hardware error, by bits of hardware_error_status, until it is rebooted."""
+        self.protection.latched |= bits
+        self._check()
+
+    def restart(self, now: float) -> None:
+        """Start anew: torque off, RAM registers as at power-on, deaf for `START_TIME`."""
+        self._servo.turn_off()
+        self.registers.restart()
+        self.protection.restart()
+        self._pending = None
+        self._deaf_until = self._started = now + START_TIME
+        self._begin()
+
+    def refresh(self, address: int, length: int, now: float) -> None:
+        if (address < _PRESENT.stop and address + length > _PRESENT.start) or address + length > _INDIRECT_START:
+            self._servo.tell(int((now - self._started) * 1000), self.supply, self.protection.temperature)
+
+    def write(self, address: int, data: bytes, now: float) -> int:
+        number, parts = self.admit(address, data)
+        if not number:
+            parts = [(row, count) for row, count in parts if row.name not in self.loses] if self.loses else parts
+            for row, count in parts:
+                self.registers.store(row, count)
+            for row, count in parts:
+                self._react(row.name, count, now)
+        return number
+
+    def carry_out(self, instruction: Instruction, now: float) -> int:
+        if instruction.code == ask.CLEAR:
+            return self._clear(instruction.params)
+        return super().carry_out(instruction, now)
+
+    def _begin(self) -> None:
+        reset_for_mode(self.registers)
+        self._watchdog_due = math.inf
+        self._servo.forget_turns()
+
+    def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
+        number, parts = super().admit(address, data)
+        for row, count in parts:
+            if objection := self._objection(row.name, count):
+                return objection, []
+        return number, parts
+
+    def _objection(self, name: str, count: int) -> int:
+        """Return the error number of a value that the register could hold but the motor does not take; else 0."""
+        registers = self.registers
+        if name in _GOALS:
+            if self.is_tripped:
+                return DATA_RANGE
+            if name in _LIMITS:
+                return DATA_LIMIT if abs(count) > registers[_LIMITS[name]] else 0
+            in_window = registers["min_position_limit"] <= count <= registers["max_position_limit"]
+            return DATA_LIMIT if registers["operating_mode"] == POSITION_MODE and not in_window else 0
+        if name == "operating_mode":
+            return 0 if count in MODES else DATA_RANGE
+        if name == "bus_watchdog":
+            return DATA_RANGE if self.is_tripped and count else 0
+        if name == "torque_enable":
+            return RESULT_FAIL if count and self.protection.latched & registers["shutdown"] else 0
+        return 0
+
+    def _react(self, name: str, count: int, now: float) -> None:
+        """Act on a register that has been written."""
+        if name in _GOALS:
+            if not self.torque and self.registers["drive_mode"] & _TORQUE_BY_GOAL:
+                goal = self.registers[name]
+                self.registers["torque_enable"] = 1
+                self._switch(True, now)
+                self.registers[name] = goal
+            if name == goal_of(self.registers["operating_mode"]):
+                self._servo.aim(now)
+            else:
+                self._servo.pursue(now)
+        elif name == "torque_enable":
+            self._switch(bool(count), now)
+        elif name == "operating_mode":
+            reset_for_mode(self.registers)
+            self._servo.forget_turns()
+        elif name == "bus_watchdog":
+            self._arm(now)
+        elif name in _GAINS:
+            self._servo.pursue(now)
+
+    def _switch(self, on: bool, now: float) -> None:
+        if on and not self._servo.is_on:
+            self._servo.turn_on(now)
+        elif not on and self._servo.is_on:
+            self._servo.turn_off()
+        self._arm(now)
+
+    def _arm(self, now: float) -> None:
+        """Let the watchdog count from now on, where it is set and the torque is on."""
+        units = self.registers["bus_watchdog"]
+        self._watchdog_due = now + units * WATCHDOG_LSB if units > 0 and self.torque else math.inf
+
+    def _check(self) -> None:
+        """Look for hardware errors, and take the torque off if one asks for it."""
+        registers, memory = self.registers, self.registers.memory
+        shutdown = registers["shutdown"]
+        low, high = (registers[f"{end}_voltage_limit"] / COUNTS_PER_VOLT for end in ("min", "max"))
+        errors = self.protection.errors(self.supply, low, high, registers["temperature_limit"], shutdown)
+        memory[_ERRORS] = errors
+        if self.torque and self.protection.latched & shutdown:
+            memory[_TORQUE] = 0
+            self._servo.turn_off()
+            self._watchdog_due = math.inf
+
+    def _clear(self, params: bytes) -> int:
+        if params != _CLEAR_TURNS:
+            return DATA_RANGE
+        if self._servo.is_moving():
+            return RESULT_FAIL
+        self._servo.forget_turns()
+        return 0
