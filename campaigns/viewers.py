@@ -242,8 +242,8 @@ def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
     """Return what a browser shows of a run of so many hours that is written within so many seconds, and what it costs.
 
     `frames_per_s` of the oscilloscope with eight traces, every second; `draw_ms`: what one of its pictures takes of the
-    page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server, and of the page what its scripts hold,
-    after they were swept, at begin, middle and end; `to_the_begin_ms`: until the run's first samples are seen.
+    page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server, and of the page what its
+    scripts hold, after they were swept, at begin, middle and end; `to_the_begin_ms`: until the first samples are seen.
     """
     from playwright.sync_api import sync_playwright
 

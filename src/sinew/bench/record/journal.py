@@ -588,7 +588,8 @@ class JournalReader:
 
     def first_samples(self) -> list[int]:
         """Return the id of the first sample of every run that wrote here, in order, without reading the rest."""
-        found, session, last = [], 0, self.last_sample()
+        found: list[int] = []
+        session, last = 0, self.last_sample()
         while (found[-1] if found else 0) <= last:
             at = bisect_left(range(last + 1), session + 1, lo=found[-1] if found else 1, key=self.session)
             if at > last:

@@ -18,6 +18,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import held_inside, unlinked
@@ -282,7 +283,7 @@ class Source(Protocol):
 class _OfJournal:
     """Samples in a journal, the unfinished and the paused ones, too. ids count from 1 without a gap."""
 
-    keys = None
+    keys: frozenset[str] | None = None
 
     def __init__(self, journal: JournalReader) -> None:
         self._journal = journal
@@ -326,7 +327,7 @@ _NEEDS = {
 class _OfRecording:
     """Samples in a recording, where there is no journal: what the twin gave, or what was brought from elsewhere."""
 
-    contact = None
+    contact: Array | None = None
 
     def __init__(self, file: "netCDF4.Dataset", name: str) -> None:
         self._columns = {key: column for key, column in file.variables.items() if column.dimensions[:1] == ("sample",)}
@@ -347,7 +348,7 @@ class _OfRecording:
         known |= {"torsion"} if "torsion_rad" in self._columns else set()
         known |= set(tendons) if "tendon_current_a" in self._columns else set()
         known |= {sensor.channel for sensor in self.rig.sensors if sensor.channel in self._columns}
-        self.keys = frozenset(known)
+        self.keys: frozenset[str] | None = frozenset(known)
 
     def spans(self) -> list[Span]:
         steps = np.diff(self._time)
@@ -468,13 +469,17 @@ _SPENT_S = 0.4  # on one answer; what is not read by then comes with the next on
 _MOST_PARTS = 2048  # three days
 
 
+Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Time [s], least and largest values; these in single precision, for a day of them is kept."""
+
+
 @dataclass
 class _Parts:
     """Parts of a run in bins of a second, those that were read: by number (time, low, high)."""
 
-    known: dict[int, tuple[Array, Array, Array]] = field(default_factory=dict)
+    known: dict[int, Part] = field(default_factory=dict)
 
-    def at(self, source: Source, number: int, end_s: float) -> tuple[Array, Array, Array]:
+    def at(self, source: Source, number: int, end_s: float) -> Part:
         """Return a part; it is kept once nothing more can come to it."""
         if number not in self.known:
             begin = number * _PART_S
@@ -535,9 +540,7 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     )
 
 
-def _put_together(
-    source: Source, parts: _Parts, begin: float, end: float, until: float
-) -> tuple[tuple[Array, Array, Array], float]:
+def _put_together(source: Source, parts: _Parts, begin: float, end: float, until: float) -> tuple[Part, float]:
     """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
     numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
     began, found, has_read = monotonic(), [], False
