@@ -13,6 +13,7 @@ from benchmarks import (
     prediction,
     recording_speed,
     rod,
+    serve,
     solid_cylinder,
     sweep_fit,
     swing_speed,
@@ -33,6 +34,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "bent": lambda _: bent_speed.main(),
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
+    "serve": serve.main,
 }
 
 

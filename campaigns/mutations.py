@@ -1,13 +1,15 @@
 """Mutations of the physics, the analysis and the bench: which of them do the fast tests notice?
 
 Each mutation is one change of one place, drawn at random with a seed: a sign, a factor of two, an off-by-one, two
-neighbours swapped, a guard that is dropped. It is made in a copy of the tree, and `make test`'s selection of tests runs
-there, those that name the module first, until one fails. A mutation that no test notices is printed with its place:
-read it, it may change nothing that anybody sees, or a test is missing.
+neighbours swapped, a guard that is dropped. It is made in a copy of the tree, where of `make test`'s selection those
+files of tests run that call the mutated function, the likeliest and quickest first, until one fails; all, where the
+place is run when its module is imported. Which those are is found at the start, by one run of the selection. A mutation
+that no test notices is printed with its place: read it, it may change nothing that anybody sees, or a test is missing.
 """
 
 import ast
 import json
+import math
 import os
 import random
 import shutil
@@ -19,16 +21,20 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import repeat
 from pathlib import Path
 
 from campaigns.options import campaign_parser
+from campaigns.touched import Calls, calls_of
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("mechanics", "solve", "analysis", "identify", "bench", "hardware")
 KINDS = ("sign", "factor of two", "off by one", "swapped", "dropped guard")
-LIMIT_S = 1800.0
-"""A run of tests that takes longer than this has noticed the mutation: something waits for ever."""
+_START_S, _LONGER = 300.0, 5.0
+"""A run that takes so much, and so many times as long as its files without mutation, has noticed: something waits."""
 
+_PYTEST = [sys.executable, "-B", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "-rfE"]
+_PYTEST += ["-m", "not slow and not hardware"]
 _OTHER = {ast.Add: "-", ast.Sub: "+"}
 
 
@@ -167,43 +173,64 @@ def drawn(seed: int, count: int, root: Path = ROOT) -> list[Mutation]:
     return chosen
 
 
-def _ordered_tests(root: Path, file: str) -> list[str]:
-    """Return test files, those first that name the mutated module, then those that name its room."""
-    module = "sinew." + file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
-    room = module.rsplit(".", 1)[0]
-
-    def rank(path: Path) -> tuple[int, str]:
-        text = path.read_text(encoding="utf-8")
-        return (0 if module in text else 1 if room in text else 2), path.as_posix()
-
-    return [path.relative_to(root).as_posix() for path in sorted((root / "tests").rglob("test_*.py"), key=rank)]
+def _function_at(text: str, line: int) -> int | None:
+    """Return the first line of the innermost function whose body has a line; None where importing runs it."""
+    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    around = [node for node in functions if node.body[0].lineno <= line <= (node.end_lineno or 0)]
+    if not around:
+        return None
+    inner = max(around, key=lambda node: node.lineno)
+    return min([inner.lineno, *(decorator.lineno for decorator in inner.decorator_list)])
 
 
-def judged(mutation: Mutation, tree: Path) -> tuple[str, float]:
+def tests_for(mutation: Mutation, tree: Path, calls: Calls) -> list[str]:
+    """Return the files of tests that run a mutated place, those first that name its module, then the quickest."""
+    text = (tree / "src/sinew" / mutation.file).read_text(encoding="utf-8")
+    place = mutation.file, _function_at(text, mutation.line) or 0
+    module = "sinew." + mutation.file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+    by = calls.files.get(place, set()) if place[1] and place not in calls.every else set(calls.seconds)
+
+    def rank(file: str) -> tuple[bool, float]:
+        return module not in (tree / file).read_text(encoding="utf-8"), calls.seconds.get(file, math.inf)
+
+    return sorted(by, key=rank)
+
+
+def judged(mutation: Mutation, tree: Path, calls: Calls) -> tuple[str, float]:
     """Return (what noticed it or "", seconds) of a mutation made in a tree, which is as before afterwards."""
-    path = tree / "src/sinew" / mutation.file
+    path, tests = tree / "src/sinew" / mutation.file, tests_for(mutation, tree, calls)
     text, begin = path.read_text(encoding="utf-8"), time.monotonic()
     path.write_text(mutation.made(text), encoding="utf-8")
     try:
-        noticed = failing(tree, _ordered_tests(tree, mutation.file))
+        noticed = failing(tree, tests, _START_S + _LONGER * sum(calls.seconds.get(file, 0.0) for file in tests))
     finally:
         path.write_text(text, encoding="utf-8")
     return noticed, time.monotonic() - begin
 
 
-def failing(tree: Path, tests: Sequence[str]) -> str:
-    """Return the first of a tree's fast tests that fails, or what else went wrong; empty where none does."""
-    command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "-rfE"]
-    command += ["-m", "not slow and not hardware", *tests]
-    environment = os.environ | {"PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "OPENBLAS_NUM_THREADS": "1"}
+def failing(tree: Path, tests: Sequence[str], limit_s: float) -> str:
+    """Return the first of some files' fast tests that fails, or what else went wrong; empty where none does."""
+    if not tests:
+        return ""
+    command = [*_PYTEST, "-x", *tests]
     try:
         done = subprocess.run(
-            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+            command, cwd=tree, env=_environment(tree), capture_output=True, text=True, timeout=limit_s, check=False
         )
     except subprocess.TimeoutExpired:
-        return f"no end within {LIMIT_S:g} s"
-    said = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return said[0].split(" - ")[0] if said else ("" if done.returncode == 0 else f"status {done.returncode}")
+        return f"no end within {limit_s:.0f} s"
+    return _said(done.stdout) or ("" if done.returncode == 0 else f"status {done.returncode}")
+
+
+def _said(printed: str) -> str:
+    said = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return said[0].split(" - ")[0] if said else ""
+
+
+def _environment(tree: Path) -> dict[str, str]:
+    path = f"{tree / 'src'}{os.pathsep}{tree}"
+    flags = "--xla_cpu_use_fusion_emitters=false"  # as the Makefile has them
+    return os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "XLA_FLAGS": flags}
 
 
 @contextmanager
@@ -220,13 +247,23 @@ def _copy() -> Iterator[Path]:
         yield tree
 
 
-def _share(mutations: Sequence[Mutation]) -> list[dict[str, object]]:
+def called(workers: int) -> Calls:
+    """Return what the fast tests call, of one run; without any mutation none of them may fail."""
+    with _copy() as tree:
+        command = [*_PYTEST, "-n", str(workers), "--dist", "loadfile"]
+        calls, printed = calls_of(tree, command, _environment(tree))
+    if already := _said(printed):
+        raise SystemExit(f"a test fails without any mutation: {already}; the campaign would prove nothing")
+    if not calls.seconds:
+        raise SystemExit(f"no test ran, pytest says: {printed[-2000:]}")
+    return calls
+
+
+def _share(mutations: Sequence[Mutation], calls: Calls) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     with _copy() as tree:
-        if already := failing(tree, _ordered_tests(tree, "mechanics/tendons.py")):
-            raise SystemExit(f"a test fails without any mutation: {already}; the campaign would prove nothing")
         for mutation in mutations:
-            noticed, took_s = judged(mutation, tree)
+            noticed, took_s = judged(mutation, tree, calls)
             place = f"{mutation.file}:{mutation.line}"
             change = f"{mutation.kind}, {place}: {mutation.before!r} -> {mutation.after!r}"
             print(f"{change}: {noticed or 'NOT NOTICED'} ({took_s:.0f} s)", flush=True)
@@ -238,8 +275,9 @@ def main() -> int:
     """Run the campaign; each worker has a copy of the tree."""
     asked = campaign_parser("mutations", __doc__, count=30, of="mutations", numbered=True, workers=2).parse_args()
     chosen = drawn(asked.seed, asked.first + asked.mutations)[asked.first :]
+    calls = called(asked.workers)
     with ThreadPoolExecutor(asked.workers) as pool:
-        shares = pool.map(_share, [chosen[i :: asked.workers] for i in range(asked.workers)])
+        shares = pool.map(_share, [chosen[i :: asked.workers] for i in range(asked.workers)], repeat(calls))
         rows = [row for share in shares for row in share]
     caught = sum(bool(row["noticed_by"]) for row in rows)
     print(f"{caught} of {len(rows)} noticed")

@@ -8,7 +8,7 @@ import inspect
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import cast
 
@@ -288,7 +288,7 @@ def _known_state_table() -> str:
     return "\n".join(lines) + "\n"
 
 
-_FACE = {
+_FACE: dict[str, Callable[[object], bool]] = {
     "Functions": lambda thing: inspect.isfunction(thing) or inspect.ismodule(thing),
     "Errors": lambda thing: inspect.isclass(thing) and issubclass(thing, Exception),
     "Rigs and plans": lambda thing: inspect.isclass(thing) and thing.__module__.startswith("sinew.plan."),

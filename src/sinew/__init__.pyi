@@ -23,8 +23,9 @@ from sinew.measure.errors import SpecError as SpecError
 from sinew.measure.errors import TimeError as TimeError
 from sinew.measure.errors import UnitError as UnitError
 from sinew.measure.estimate import Estimate as Estimate
-from sinew.measure.files.csv import export_csv as export_csv
-from sinew.measure.files.netcdf import export_mat as export_mat
+from sinew.measure.files.export import export_csv as export_csv
+from sinew.measure.files.export import export_mat as export_mat
+from sinew.measure.files.export import export_recording as export_recording
 from sinew.measure.files.netcdf import save_recording as save_recording
 from sinew.measure.read import Looked as Looked
 from sinew.measure.read import look as look

@@ -42,3 +42,9 @@ def test_reading_and_analysing_a_table_loads_neither_jax_nor_matplotlib_nor_seri
         f"import sinew as sn; sn.analyse(sn.read({str(file)!r}, time='t_s', response='angle_deg'))"
     )
     assert loaded & {"jax", "matplotlib", "serial"} == set()
+
+
+@pytest.mark.parametrize("module", ["sinew.apps.dashboard.steward", "sinew.apps.dashboard.page_server"])
+def test_a_dashboard_begins_without_what_only_its_workers_need(module: str) -> None:
+    loaded = modules_loaded_by(f"import {module}; from sinew.plan.toml import load_rig; load_rig('paper')")
+    assert loaded & {"jax", "matplotlib", "netCDF4", "pandas", "pint", "scipy", "xarray"} == set()

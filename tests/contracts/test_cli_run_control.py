@@ -88,12 +88,14 @@ def test_a_run_that_pauses_is_stopped(ask: Ask, plan: str, out: Path, capsys: py
     )
 
 
-def test_ctrl_backslash_freezes_all_motors_within_200_ms(
+def test_ctrl_backslash_freezes_all_motors_within_200_ms_and_the_journal_says_when(
     bench: WatchedPort, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     interrupt(bench, PULLED_S, number=signal.SIGQUIT)
     document = json.loads(run(capsys, plan, out, "--json").out)
     assert (document["ended"], document["is_safe"]) == ("emergency stop by Ctrl-\\", True)
+    (sentence,) = [sentence for kind, sentence in events(out) if kind == "frozen"]
+    assert float(sentence.removeprefix("all motors stand, ").split()[0]) == pytest.approx(document["frozen_ms"], abs=1)
     assert document["frozen_ms"] < 200
 
 

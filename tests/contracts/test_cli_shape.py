@@ -72,7 +72,7 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     simulate paper => --out
     simulate short --out x.nc --seed one => --seed
     analyse x.csv --kind decay --time t --response x => auto, ring-down, sweep, broadband, impact
-    export x.nc --to xls --out x.xls => csv or mat
+    export x.nc --to xls --out x.xls => csv, mat, parquet, uff, mcap
     film x.nc --out x.gif --kind backwards => decay, sweep
     simulate short --out x.nc --without gravity => unknown effect 'gravity'
     analyse x.csv => cannot read x.csv

@@ -1,6 +1,7 @@
 """Bent plans at the steward: the emulated bench is begun anew in space for one, upright again for the next."""
 
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from tests.contracts import fake_run
 from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
 
+from sinew.measure.errors import FileError
 from sinew.plan.toml import dump_rig, load_rig
 
 BENT = "[pose]\nbend_deg = 20\nazimuth_deg = 90\n"
@@ -70,6 +72,36 @@ def test_a_bent_plan_has_the_emulated_bench_begun_anew_in_space(begin: Callable[
     assert (said["ok"], "begun anew" in str(said["sentence"])) == (True, True)
     assert FLAG in commands.last("emulate")
     assert commands.last("run")[commands.last("run").index("--wait") + 1] == "180"
+
+
+def test_an_emulator_that_ends_at_once_is_said(tmp_path: Path) -> None:
+    def command(*words: str) -> list[str]:
+        return [sys.executable, "-S", "-c", "raise SystemExit('no such rig')", *words]
+
+    with (
+        pytest.raises(FileError, match="the emulator does not get ready: no such rig"),
+        serving(tmp_path / "runs", bench="emulator", port=None, command=command),
+    ):
+        pass
+
+
+def test_the_pages_are_begun_before_the_emulated_bench_is_ready(tmp_path: Path) -> None:
+    page, go = tmp_path / "page", tmp_path / "go"
+
+    def command(*words: str) -> list[str]:
+        waits = f"import pathlib, time\nwhile not pathlib.Path({str(go)!r}).exists(): time.sleep(0.01)"
+        lasting = f"pathlib.Path({words[2]!r}).touch(); print('{{}}', flush=True); time.sleep(600)"
+        return [sys.executable, "-S", "-c", f"{waits}\n{lasting}", *words]
+
+    begun = f"import pathlib, sys; pathlib.Path({str(page)!r}).touch(); sys.stdin.read()"
+    pages = (sys.executable, "-S", "-c", begun)
+    with serving(tmp_path / "runs", bench="emulator", port=None, command=command, page=pages, awaits=False) as served:
+        until(page.exists)
+        was_ready = served.steward._emulator is not None and served.steward._emulator.is_ready
+        go.touch()
+        served.steward.await_bench(threading.Event())
+        until(lambda: served.steward._emulator is not None and served.steward._emulator.is_ready)
+    assert not was_ready
 
 
 def test_an_upright_plan_gets_the_upright_bench_back(begin: Callable[..., tuple[Served, Commands]]) -> None:

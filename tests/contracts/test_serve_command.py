@@ -10,7 +10,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import Queue
+from types import SimpleNamespace
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import httpx
 import pytest
@@ -18,6 +21,7 @@ from tests.contracts.commands import command_lines
 from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, serving, until
 from tests.patience import await_end, comes, communicate
 
+from sinew.apps.bench import serve as serve_command
 from sinew.apps.cli import main
 from sinew.apps.dashboard.run_desk import Adopted
 from sinew.measure.errors import how_to_install
@@ -188,6 +192,42 @@ def test_without_its_packages_the_command_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert main(["serve"]) == 2
     assert f"`make serve` installs it, or: {how_to_install('dashboard')}" in capsys.readouterr().err
+
+
+def test_the_browser_gets_the_token_in_a_file_for_its_owner_that_goes_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: Queue[tuple[str, str, int]] = Queue()
+
+    def browse(address: str) -> None:
+        file = Path(unquote(urlsplit(address).path))
+        seen.put((address, file.read_text(encoding="utf-8"), file.stat().st_mode & 0o777))
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    url = f"http://127.0.0.1:8080/#token={TOKEN}"
+    with serve_command.opened(url, tmp_path):
+        address, page, mode = seen.get(timeout=PATIENCE)
+    assert (url in page, TOKEN in address, mode) == (True, False, 0o600)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("is_terminal", "surroundings", "opens"),
+    [
+        (True, {"DISPLAY": ":0"}, True),
+        (True, {"WAYLAND_DISPLAY": "wayland-0"}, True),
+        (False, {"DISPLAY": ":0"}, False),
+        (True, {}, False),
+        (True, {"DISPLAY": "localhost:10.0", "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.2 22"}, False),
+    ],
+)
+def test_a_browser_is_opened_where_who_reads_the_terminal_sees_it(
+    is_terminal: bool, surroundings: dict[str, str], opens: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(isatty=lambda: is_terminal))
+    monkeypatch.setattr(os, "environ", surroundings)
+    assert serve_command._has_screen() is opens
 
 
 def test_the_steward_loads_neither_jax_nor_nicegui() -> None:

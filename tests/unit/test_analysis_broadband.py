@@ -146,6 +146,11 @@ def test_segments_without_overlap_count_each_for_one() -> None:
     assert Segmentation(400, 400).independent(20) == pytest.approx(20.0)
 
 
+def test_two_hann_segments_that_overlap_by_half_are_averages_with_a_correlation_of_1_36() -> None:
+    # Welch (1967): ρ = 1/6 of the windows, ρ² of the powers; var = (1 + ρ²)/2
+    assert Segmentation(4000, 2000).independent(2) == pytest.approx(2 / (1 + 1 / 36), rel=1e-6)
+
+
 @pytest.mark.parametrize(("which", "name"), [(0, "input"), (1, "output")])
 def test_a_value_that_is_not_finite_is_named(which: int, name: str) -> None:
     pair = records(10, size=4000)

@@ -169,6 +169,20 @@ def test_the_coupling_table_has_amplitudes_ratio_lags_and_second_harmonic(record
     assert told == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.parametrize("wavers", ["size", "phase"])
+def test_what_wavers_of_a_swing_its_size_or_its_phase_is_what_has_the_uncertainty(wavers: str) -> None:
+    def motion(t: Rates) -> Rates:
+        angle, slow = TWO_PI * 4.0 * t, 0.02 * np.cos(TWO_PI * 0.8 * t)
+        wave = (1 + slow) * np.sin(angle) if wavers == "size" else np.sin(angle + slow)
+        return arc(BEND, AZIMUTH, math.radians(10.0) * wave)
+
+    whole = replace(STEADY, frequency_hz=4.0)  # fifty samples in a period
+    found = analyse(bent_recording([(whole, motion, lagging(0.0))], recorded=1e-6)).dataset.sel(channel="torsion")
+    of_size, of_phase = (found["channel_gain_std"] / found["channel_gain"]).item(), found["channel_lag_std_rad"].item()
+    # Of 5 periods some lines stand beside the fundamental and beside its image at -4 Hz, which parts them by halves.
+    assert (of_size > 1.5 * of_phase, of_phase > 1.5 * of_size) == (wavers == "size", wavers == "phase")
+
+
 def test_without_an_orientation_the_filter_tells_pitch_and_roll_of_a_head_at_rest_and_swinging() -> None:
     recording = bent_recording([(STEADY, swung(), lagging(0.0))], noise=1e-3)
     told = head_motion(recording)

@@ -76,6 +76,25 @@ def test_one_mode_by_partial_fractions_is_one_mode_by_the_rational_curve() -> No
     assert (ours.value, ours.std) == (pytest.approx(value, rel=1e-5), pytest.approx(std, rel=0.2))
 
 
+def test_the_deviation_of_a_heavily_damped_pole_is_the_least_that_any_fit_can_have() -> None:
+    """Cramér and Rao, from differences of c₁/(s - p) + c₂/(s - p̄) + c₃ with all three complex."""
+
+    def model(x: np.ndarray) -> np.ndarray:
+        pole = 2 * np.pi * x[0] * (-x[1] + 1j * np.sqrt(1 - x[1] ** 2))
+        one, two, three = x[2::2] + 1j * x[3::2]
+        s = 2j * np.pi * F
+        return one / (s - pole) + two / (s - np.conj(pole)) + three
+
+    residue = (6 * np.pi) ** 2 / (12 * np.pi * np.sqrt(1 - 0.4**2))  # c₁ = -j residue, c₂ = j residue
+    x, h = np.array([3.0, 0.4, 0.0, -residue, 0.0, residue, 0.0, 0.0]), 1e-6
+    assert model(x) == pytest.approx(modes(F, (3.0, 0.4)))
+    slopes = np.array([(model(x + h * one) - model(x - h * one)) / (2 * h) for one in np.eye(8)])
+    rows = slopes / (1e-3 * np.abs(model(x)))
+    least = np.sqrt(np.diag(np.linalg.inv((rows @ rows.conj().T).real)))
+    (mode,) = fit(model(x), 1e-3).modes
+    assert (mode.natural_frequency_hz.std, mode.damping_ratio.std) == pytest.approx(tuple(least[:2]), rel=1e-4)
+
+
 @pytest.fixture(scope="module")
 def stepped_trials():
     """Return for D = 0.05 and 0.17 what 250 noisy sweeps gave: (damping, frequency) each."""

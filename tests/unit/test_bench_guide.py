@@ -2,20 +2,22 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
+import numpy as np
 import pytest
 from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding
-from sinew.bench.guide import STEPS, Guide, Step, arrange, lead, turned_frame
+from sinew.bench.guide import STEPS, Guide, OpenRig, Step, arrange, lead, look_around, turned_frame
+from sinew.bench.guide_moves import Pull
 from sinew.emulator.found import Hands, VirtualPort, draw_unbuilt
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming, Clock
 from sinew.hardware.registers import BAUD_RATES
 from sinew.hardware.rig import Rig
-from sinew.measure.errors import StoppedError
+from sinew.measure.errors import PortError, StoppedError
 from sinew.plan.rig import RigSpec
 
 DEVICES = STEPS[:2]
@@ -141,6 +143,33 @@ def test_the_wrong_motor_in_the_hand_is_a_fault_that_names_both_models() -> None
     with pytest.raises(StoppedError):
         table.lead(person)
     assert "found id 1 at 57600 baud (XM430-W350), expected a XH430-W350 as tendon 1" in person.told[-1].found
+
+
+def test_a_port_that_knows_no_baud_is_refused_and_one_that_knows_the_rigs_is_not() -> None:
+    table = OnTheTable()
+
+    def known(*bauds: int) -> OpenRig:
+        def open_rig(spec: RigSpec) -> AbstractContextManager[tuple[Rig, Clock]]:
+            if spec.wiring.baud not in bauds:
+                raise PortError(f"the port does not know {spec.wiring.baud} baud")
+            return table.open_rig(spec)
+
+        return open_rig
+
+    assert len(look_around(known(1_000_000), table.kept)) == 6  # five motors and the board
+    with pytest.raises(PortError, match="does not know"):
+        look_around(known(), table.kept)
+
+
+def test_what_a_tendon_did_is_told_under_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = OnTheTable()
+    leans = [(-math.sin(turn), math.cos(turn)) for turn in np.radians([0.0, 90.0, 180.0, 270.0])]
+    monkeypatch.setattr("sinew.bench.guide.pull_tendon", lambda _, __, index: Pull(1, lean=leans[index]))
+    person = Somebody(table.hands)
+    step = next(step for step in STEPS if step.name == "tendons")
+    assert table.lead(person, [step])
+    told = [(one.subject, one.found.split(",")[0]) for one in person.told if one.subject.startswith("tendon ")]
+    assert told == [(f"tendon {number}", f"id {number}") for number in (1, 2, 3, 4)]
 
 
 # Where tendons stand: directions of a perfect head, worked out by hand.

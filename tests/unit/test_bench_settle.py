@@ -146,6 +146,14 @@ def test_noise_beyond_the_tolerance_is_not_taken_for_steady() -> None:
     assert rule.is_out_of_time
 
 
+def test_scatter_without_a_decay_counts_whole_as_the_deviation_of_all_periods() -> None:
+    sizes = 1 + 0.02 * np.random.default_rng(2).standard_normal(9)  # a draw in which no decay is significant
+    rule, time = SettleRule(4.0, 0.0, TOLERANCE, MOST_S), np.arange(0.0, 0.25, 1 / RATE_HZ)
+    for turn, size in enumerate(sizes):
+        rule.feed((0.25 * turn + time).tolist(), (size * np.sin(8 * np.pi * time)).tolist())
+    assert rule.remaining == pytest.approx(sizes.std() / sizes.mean(), rel=1e-9)
+
+
 def test_a_period_without_samples_makes_it_begin_anew() -> None:
     joint, time = Driven(3.2, 0.2, 4.0), np.arange(0.0, 10.0, 1 / RATE_HZ)
     rule = SettleRule(4.0, 0.0, TOLERANCE, MOST_S)

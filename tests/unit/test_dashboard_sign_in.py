@@ -8,7 +8,7 @@ import httpx
 import pytest
 from starlette.applications import Starlette
 
-from sinew.apps.dashboard.access import SIGN_IN_PAGE, WINDOW_S, WRONG_MOST, Access, Attempts, sign_in_routes
+from sinew.apps.dashboard.access import SIGN_IN, WINDOW_S, WRONG_MOST, Access, Attempts, sign_in_routes
 
 ACCESS = Access("a-token-for-tests", "127.0.0.1", 8080)
 
@@ -30,7 +30,7 @@ class Browser:
     """A browser with its cookies, before the routes."""
 
     def __init__(self, clock: Clock, access: Access = ACCESS, address: str = "192.0.2.9") -> None:
-        self.routes = sign_in_routes(access, Attempts(clock))
+        self.routes = sign_in_routes(access, SIGN_IN, Attempts(clock))
         self.move_to(address)
         self.cookies = httpx.Cookies()
 
@@ -87,8 +87,8 @@ def test_signing_out_takes_the_session_away(client: Browser) -> None:
 
 
 def test_the_page_takes_the_token_out_of_the_address(client: Browser) -> None:
-    assert client.get("/login").text == SIGN_IN_PAGE
-    assert "history.replaceState" in SIGN_IN_PAGE
+    assert client.get("/login").text == SIGN_IN
+    assert "history.replaceState" in SIGN_IN
 
 
 def test_after_too_many_wrong_tokens_a_source_is_told_to_wait(client: Browser) -> None:

@@ -10,19 +10,27 @@ from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
 from sinew.apps.dashboard.work.runs import shelf
-from sinew.apps.dashboard.worker import CALLS, Call, Worker, WorkerError
+from sinew.apps.dashboard.worker import CALLS, POOLS, Call, Worker, WorkerError
 from sinew.measure.errors import SpecError
 
 _HERE = "tests.unit.dashboard_calls"
 
 
+def is_gone(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
 @pytest.fixture
 def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
     calls = {
-        name: Call(_HERE, "light", LONG_S)
+        name: Call(_HERE, "quick", LONG_S)
         for name in ("process", "priority", "die_once", "die", "fail", "note", "fill")
     }
-    monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "light", 0.5)})
+    monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "quick", 0.5)})
     made = Worker()
     yield made
     made.close()
@@ -103,22 +111,64 @@ def test_what_takes_too_long_is_ended_and_does_not_stand_in_the_way(worker: Work
     assert asyncio.run(patient()) != 0
 
 
+def test_a_process_that_nobody_asks_ends_and_the_next_call_has_another(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(idle_s=0.05)})
+
+    async def pause() -> tuple[int, int]:
+        before = int(await worker.call("process"))
+        while not is_gone(before):
+            await asyncio.sleep(0.01)
+        return before, int(await worker.call("process"))
+
+    before, after = asyncio.run(pause())
+    assert before != after
+
+
+def test_a_process_under_way_outlasts_the_time_after_which_an_idle_one_ends(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(idle_s=0.01)})
+    go = Path(f"{tmp_path / 'notes'}.go")
+
+    async def work() -> object:
+        task = asyncio.create_task(worker.call("note", str(tmp_path / "notes"), "0"))
+        while not (tmp_path / "notes").exists():
+            await asyncio.sleep(0.05)  # several times as long as an idle one may stay
+        go.touch()
+        return await task
+
+    assert asyncio.run(work()) == "0"
+
+
+def test_in_a_pool_of_two_processes_a_call_does_not_wait_behind_another(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(worker_module, "POOLS", {"quick": POOLS["quick"]._replace(processes=2)})
+    notes, pair = tmp_path / "notes", Worker()
+
+    async def both() -> object:
+        first = asyncio.create_task(pair.call("note", str(notes), "0"))
+        await pair.call("process")
+        Path(f"{notes}.go").touch()
+        return await first
+
+    try:
+        assert asyncio.run(both()) == "0"
+    finally:
+        pair.close()
+
+
 def test_closing_ends_the_processes(worker: Worker) -> None:
     process = asyncio.run(worker.call("process"))
     worker.close()
-
-    def is_gone() -> bool:
-        try:
-            os.kill(process, 0)
-        except ProcessLookupError:
-            return True
-        return False
-
-    until(is_gone)
+    until(lambda: is_gone(process))
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))
-def test_every_call_is_a_function_with_a_docstring(name: str) -> None:
+def test_every_call_is_a_function_with_a_docstring_and_has_a_pool(name: str) -> None:
     import importlib
 
+    assert CALLS[name].pool in POOLS
     assert getattr(importlib.import_module(CALLS[name].module), name).__doc__

@@ -5,7 +5,10 @@ from tests.unit.emulator_stand_in import Bench
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
 from sinew.emulator.motor import Motor as EmulatedMotor
+from sinew.hardware.believable import STATE, contradiction
 from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.codec import READ
+from sinew.hardware.configuration import answer_everything
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.registers import (
     XH430_W350,
@@ -188,3 +191,18 @@ def test_hardware_errors_have_the_names_of_the_manual() -> None:
 
 def test_a_bit_that_the_manual_does_not_have_is_still_told() -> None:
     assert name_hardware_errors(0b1000_0000) == ("bit 7",)
+
+
+def test_a_motor_that_says_another_goal_than_before_though_nobody_wrote_contradicts_itself(motor: Motor) -> None:
+    before = motor.get_counts(STATE)
+    assert contradiction(motor.table, before, before | {"present_current": 5}, 0.01) == ""
+    told = contradiction(motor.table, before, before | {"goal_velocity": 5}, 0.01)
+    assert told == f"goal_velocity is {before['goal_velocity']} and then 5"
+
+
+def test_a_motor_that_answers_everything_is_only_asked_whether_it_does() -> None:
+    slave = Slave(3)
+    slave.memory[68] = 2  # status return level
+    motor, line = alone(slave)
+    answer_everything(motor)
+    assert {packet.code for packet in line.sent} == {READ}

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from benchmarks.sweep_fit import sweep_record
+from scipy.stats import chi2
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
 from sinew.identify.choice.comparison import (
@@ -245,3 +246,11 @@ def test_two_and_a_half_swings_with_a_crooked_sensor_are_no_law_of_five_numbers(
     crooked = x + 0.004 * np.sin(2.3 * OMEGA * t + 1.0) * np.abs(x)
     found = compare_laws(split_record(make_record(t, noisy(crooked, 5e-4, 4), output_unit="rad"), None, None))
     assert len(found.best.model.mechanics("none")) <= 3
+
+
+def test_two_opposite_residuals_have_the_statistic_of_ljung_and_box_in_closed_form() -> None:
+    # Their correlation is -1/2 at seven samples and zero at all others: Q = n (n + 2) (1/4) / (n - 7).
+    residuals = np.zeros(100)
+    residuals[40], residuals[47] = 1.0, -1.0
+    asked = ask_residuals(viscous_decay(0.05, 0).cut(0, 100), residuals, OMEGA)
+    assert asked.white_p == pytest.approx(chi2.sf(100 * 102 / 4 / 93, 20))

@@ -216,6 +216,18 @@ def test_a_constant_output_is_refused() -> None:
         fit(make_record(TIME, np.ones_like(TIME)), "linear")
 
 
+def test_a_sample_that_is_no_number_is_refused_with_its_place() -> None:
+    output = np.sin(TIME)
+    output[7] = np.nan
+    with pytest.raises(RecordingError, match="the output holds NaN or infinity at sample 7"):
+        make_record(TIME, output)
+
+
+def test_a_fit_to_no_record_is_refused() -> None:
+    with pytest.raises(SpecError, match="no record to fit"):
+        fit([], "linear")
+
+
 def test_an_unknown_model_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(SpecError, match="loss-factor"):
         fit(decay_record(0.1), "quartic")

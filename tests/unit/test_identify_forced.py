@@ -69,6 +69,13 @@ def test_a_driven_fit_knows_its_gain() -> None:
     assert one.branch.amplitude == pytest.approx(8.0 / OMEGA**2 * transfer(one.branch.frequency_hz), rel=1e-6)
 
 
+def test_the_document_of_a_linear_law_has_its_resonance_in_the_middle_of_the_band() -> None:
+    (one,) = predict_fit(law("linear", "torque", gain=80.0), torque=0.1, band_hz=BAND_HZ, draws=40).document()["levels"]
+    expected = np.degrees(8.0 / OMEGA**2) * transfer(np.array(one["band"]["frequency_hz"]))
+    for way in ("up", "down"):
+        assert one["band"][way]["amplitude"]["median"] == pytest.approx(expected, rel=0.02)
+
+
 LAWS = {
     "pendulum": law("pendulum", "torque", gain=1.0),
     "cubic-quadratic": law("cubic-quadratic", "torque", quadratic=0.6 * OMEGA**2, cubic=0.8 * OMEGA**2, gain=1.0),

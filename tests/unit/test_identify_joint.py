@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from sinew.identify.identified import identified_joint
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
-from sinew.identify.joint.motion import lever_read_again
+from sinew.identify.joint.motion import lever_read_again, simulate_swings, steps_per_sample
 from sinew.identify.joint.swing import Swing, make_sieve, step_between
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION
@@ -187,6 +187,18 @@ def test_a_lever_that_is_read_again_errs_alike_in_every_period_and_oppositely_in
     assert inside[period:] == pytest.approx(inside[:-period], abs=0.05 * lsb)
     assert inside[period // 2 :] == pytest.approx(-inside[: -period // 2], abs=0.05 * lsb)
     assert abs(np.corrcoef(inside, own[period : 4 * period])[0, 1]) < 0.5
+
+
+def test_a_deviation_of_the_pretension_is_more_of_it() -> None:
+    time, numbers = 5e-3 * np.arange(12), numbers_of(load_rig("paper"))
+    lever = CubicSpline(time, 0.3 * np.sin(20.0 * time))
+    here, there = (
+        Swing(0, 0, "steady", mm, 3.0, 0, POSITION, 5e-3, lever, np.zeros(12), np.ones(12, bool), 0, np.nan, np.nan)
+        for mm in (3.0, 4.0)
+    )
+    steps = steps_per_sample(numbers, 5e-3)
+    moved, set_so = simulate_swings([here, there], numbers, np.array([[1e-3, 0.0], [0.0, 0.0]]), steps)
+    assert moved.values == pytest.approx(set_so.values, rel=1e-9)
 
 
 @pytest.mark.slow

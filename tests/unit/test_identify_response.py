@@ -272,6 +272,17 @@ def test_scatter_that_differs_beyond_chance_stays_apart() -> None:
     assert squeezed[-1] / squeezed[0] > 8
 
 
+def test_variances_that_scatter_about_a_common_one_count_with_its_degrees_of_freedom_too() -> None:
+    """Smyth (2004): s² = s₀² d₀/χ²(d₀) · χ²(d)/d has d + d₀ degrees of freedom once it is drawn together."""
+    random, size, own, common = np.random.default_rng(5), 4000, 16.0, 10.0
+    variance = common / random.chisquare(common, size) * random.chisquare(own, size) / own
+    points = ResponsePoints(
+        np.linspace(1.0, 2.0, size), np.ones(size, complex), variance[:, None, None] * np.eye(2), np.ones(size), "base",
+        scatter_freedom=own,
+    )  # fmt: skip
+    assert squeeze_scatter(points).scatter_freedom == pytest.approx(own + common, rel=0.1)
+
+
 def test_an_analysed_recording_gives_the_points_of_each_pretension_with_the_sensor_chain_undone() -> None:
     joints = [Joint(natural_hz=3.0), Joint(natural_hz=3.6)]
     recording = sweep(joints, np.linspace(2.2, 4.6, 13), sensing=Sensing(), seed=5)

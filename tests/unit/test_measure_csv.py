@@ -1,5 +1,6 @@
-"""CSV in and out, and MATLAB files out."""
+"""CSV in and out, and files for other programs out."""
 
+import json
 import math
 from pathlib import Path
 
@@ -8,9 +9,10 @@ import pytest
 import xarray as xr
 from scipy import io
 
-from sinew.measure.errors import FileError, RecordingError, SinewError, TimeError, UnitError
-from sinew.measure.files.csv import export_csv, import_csv
-from sinew.measure.files.netcdf import export_mat, provenance
+from sinew.measure.errors import FileError, RecordingError, SinewError, SpecError, TimeError, UnitError
+from sinew.measure.files.csv import import_csv
+from sinew.measure.files.export import export_csv, export_mat, export_recording
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -314,3 +316,40 @@ def test_forty_samples_cut_from_a_real_log_in_bursts_are_missed(name: str, tmp_p
     (tmp_path / "cut.csv").write_text("\n".join(lines[:3000] + lines[3040:]), encoding="utf-8")
     with pytest.raises(TimeError, match=r"about (39|40|41) samples"):
         import_csv(tmp_path / "cut.csv", time="host_time_s", response="angle_deg:deg")
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "mcap"])
+def test_a_table_for_another_program_reads_back_with_its_times_and_values(
+    bench: xr.Dataset, tmp_path: Path, to: str
+) -> None:
+    path = tmp_path / f"out.{to}"
+    export_recording(bench, path, to)
+    back = import_csv(path, time="time_s", response="gyro_x_rad_s:rad/s")
+    assert np.array_equal(back["response"].values, bench["gyro_rad_s"].values[:, 0])
+    assert np.diff(back["time_s"].values) == pytest.approx(np.diff(bench["time_s"].values), abs=1e-9)
+
+
+def test_a_message_of_an_mcap_file_is_a_sample_at_its_time(bench: xr.Dataset, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    export_recording(bench, tmp_path / "out.mcap", "mcap")
+    with (tmp_path / "out.mcap").open("rb") as file:
+        messages = [message for _, _, message in reader.make_reader(file).iter_messages()]
+    told = [(message.log_time, json.loads(message.data)) for message in messages]
+    assert [stamp for stamp, _ in told] == [round(1e9 * time) for time in bench["time_s"].values.tolist()]
+    assert [row["drive_rad"] for _, row in told] == bench["drive_rad"].values.tolist()
+
+
+def test_a_universal_file_has_a_set_for_every_channel_of_every_segment(bench: xr.Dataset, tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    export_recording(bench, tmp_path / "out.uff", "uff")
+    sets = pyuff.UFF(str(tmp_path / "out.uff")).read_sets()
+    told = {(one["id2"].strip(), one["id1"].strip()): one for one in sets}
+    assert len(told) == len(sets) == 2 * (1 + 4 + 3 + 1)  # drive, currents, gyroscope, response
+    steady = told["segment 1: steady", "response_n_m"]
+    assert steady["data"] == pytest.approx(bench["response"].values[10:], rel=1e-11)  # twelve digits are written
+    assert steady["x"] == pytest.approx(bench["time_s"].values[10:], rel=1e-11)
+
+
+def test_an_unknown_format_is_refused_with_those_there_are(bench: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="csv, mat, parquet, uff, mcap"):
+        export_recording(bench, tmp_path / "out.xls", "xls")

@@ -16,8 +16,9 @@ from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.record import make_record
 from sinew.measure.doors import as_numbers, as_path, as_seconds
 from sinew.measure.errors import FileError, RecordingError, SchemaError, SpecError, TimeError, UnitError
-from sinew.measure.files.csv import export_csv, import_csv
-from sinew.measure.files.netcdf import export_mat, load_dataset, load_recording, save_recording
+from sinew.measure.files.csv import import_csv
+from sinew.measure.files.export import export_csv, export_mat
+from sinew.measure.files.netcdf import load_dataset, load_recording, save_recording
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import validate_results
 from sinew.twin.simulate import simulate

@@ -12,8 +12,8 @@ from scipy import io
 
 from sinew.measure.attitude import quaternion
 from sinew.measure.errors import SchemaError
-from sinew.measure.files.csv import export_csv
-from sinew.measure.files.netcdf import content_hash, export_mat, load_recording, save_recording
+from sinew.measure.files.export import export_csv, export_mat
+from sinew.measure.files.netcdf import content_hash, load_recording, save_recording
 from sinew.measure.recording import Segment, build_recording, iterate_segments
 from sinew.measure.schema import SPATIAL_SEGMENTS, validate_recording
 

@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from sinew.measure import units
 from sinew.measure.errors import UnitError
 from sinew.measure.units import (
     canonical_unit,
@@ -142,3 +143,12 @@ def test_a_time_is_shown_in_the_zone_of_the_computer(monkeypatch: pytest.MonkeyP
     finally:
         monkeypatch.undo()
         time.tzset()
+
+
+@pytest.mark.parametrize(("unit", "to"), units._OF_RIGS)
+def test_a_factor_that_is_known_without_pint_is_that_of_pint(
+    unit: str, to: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = convert(unit, to)
+    monkeypatch.setattr(units, "_OF_RIGS", {})
+    assert convert.__wrapped__(unit, to) == known

@@ -84,3 +84,9 @@ def test_springs_of_all_powers_share_one_compiled_program_with_each_damping_law(
 def test_a_numbers_name_carries_its_unit(name: str, over: str, full: str) -> None:
     number = next(number for term in laws.TERMS for number in term.numbers if number.name == name)
     assert (number.over_inertia("rad"), number.in_full("n_m", "rad")) == (over, full)
+
+
+def test_a_search_takes_hysteresis_for_dry_friction_first() -> None:
+    speed = np.array([-3.0, 2.0])
+    (one, order), (other, same) = (term.regressor(0 * speed, speed) for term in (laws.BoucWen(), laws.DryFriction()))
+    assert (order, one.tolist()) == (same, pytest.approx(other.tolist()))

@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 
-from sinew.mechanics.rod import grid, rod_energy, rod_poses
+from sinew.mechanics.rod import grid, move_rod, rod_energy, rod_poses
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
 from sinew.twin.parameters import space_from_rig
@@ -39,6 +39,18 @@ def test_the_pose_of_a_bent_rods_end_is_that_of_an_integrator() -> None:
     # 1e-5: what seven ways of fourth order leave of a bend by more than one radian
     assert turned == pytest.approx(expected_turn, abs=1e-5)
     assert moved == pytest.approx(expected_place, abs=1e-5 * LENGTH)
+
+
+def test_sections_of_a_moving_rod_have_velocity_and_acceleration_of_their_poses() -> None:
+    speed, h = 3.0 * BENT[::-1], 1e-4
+    before, now, after = ([np.asarray(x) for x in POSES(BENT + t * speed, ROD)] for t in (-h, 0.0, h))
+    _, rates = jax.jit(move_rod)(BENT, speed, ROD)
+    ends = np.arange(now[1].shape[0])
+    turning = (after[0] - before[0]) / (2 * h) @ now[0].transpose(0, 2, 1)  # ω×
+    assert rates.spin == pytest.approx(np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], 1), abs=1e-5)
+    assert rates.velocity(now[1], ends) == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-6)
+    gaining = (after[1] - 2 * now[1] + before[1]) / h**2
+    assert rates.acceleration(now[1], ends) == pytest.approx(gaining, abs=1e-4 * np.abs(gaining).max())
 
 
 def test_a_constant_bend_is_an_arc() -> None:

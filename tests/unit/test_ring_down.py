@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
-from sinew.analysis.decay.free_decay import drive_stop, find_peaks
+from sinew.analysis.decay.free_decay import drive_stop, find_peaks, fit_envelope
 from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 
 dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])
@@ -24,6 +24,19 @@ def test_without_noise_the_damped_frequency_is_exact(damping: float) -> None:
     t = times()
     result = analyse_ring_down(t, Decay(damping).angle(t))
     assert result.frequency_hz.value == pytest.approx(FREQUENCY_HZ * np.sqrt(1 - damping**2), rel=1e-7)
+
+
+def test_peaks_that_scatter_in_time_give_the_papers_frequency_and_rate_the_deviations_they_have() -> None:
+    random, order = np.random.default_rng(0), np.arange(12)
+    found = [
+        fit_envelope(0.2 * order + 2e-3 * random.standard_normal(12), np.exp(-0.1 * order) + 0.01 * noise)
+        for noise in random.standard_normal((400, 12))
+    ]
+    # A deviation of 400 draws is known to 1/sqrt(800) = 3.5 %.
+    for name, stated in (("omega_rad_s", "omega_std_rad_s"), ("decay_rate_per_s", "decay_rate_std_per_s")):
+        scatter = np.std([getattr(one, name) for one in found])
+        told = np.sqrt(np.mean([getattr(one, stated) ** 2 for one in found]))
+        assert told == pytest.approx(scatter, rel=0.12)
 
 
 def test_the_natural_frequency_is_the_undamped_one() -> None:

@@ -205,6 +205,13 @@ def test_ten_samples_a_period_withhold_the_papers_method() -> None:
     assert "samples in a period are too few" in document["paper_method"]["withheld"]
 
 
+def test_peaks_that_two_modes_make_together_withhold_the_papers_method() -> None:
+    other = 15.0 * np.exp(-2.9 * T) * np.cos(2 * np.pi * 5.2 * T + 3.5)
+    document = ring_down_json(analyse_ring_down(T, Decay(0.12).angle(T) + other + noise(T.size, 0.05)))
+    assert document["paper_method"]["lehr_damping"] is None
+    assert "angular frequency" in document["paper_method"]["withheld"]
+
+
 def test_the_papers_method_is_given_where_it_agrees() -> None:
     document = ring_down_json(analyse_ring_down(T, Decay(0.05).angle(T) + noise(T.size)))
     assert document["paper_method"]["withheld"] == ""

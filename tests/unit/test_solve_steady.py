@@ -7,6 +7,7 @@ from tests.unit.prony import complex_stiffness
 from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
 from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
 from sinew.mechanics.silicone import prony_shares
+from sinew.solve.landmark import FOLD, guesses, interpolated_peak
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
 SLOW = pytest.mark.slow  # each law is compiled by itself
@@ -64,3 +65,16 @@ def test_derivatives_by_the_numbers_are_those_of_solving_anew(laws: Laws) -> Non
         moved = [oscillate(numbers + s * step * np.eye(numbers.size)[k], OMEGA, drive, laws, start) for s in (1, -1)]
         change = (moved[0].fundamental - moved[1].fundamental) / (2 * step)
         assert np.abs(change - found.slopes[:, k]).max() < 1e-6 * max(np.abs(found.slopes[:, k]).max(), 1.0)
+
+
+def test_a_fold_is_first_seen_where_a_circle_turns_back() -> None:
+    angle = np.array([-0.5, -0.3, -0.1, 0.2, 0.4])
+    circle, along = np.stack([np.sin(angle), np.cos(angle)], 1), np.stack([np.cos(angle), -np.sin(angle)], 1)
+    (seen,) = guesses(circle, along, angle, np.ones(5, complex))
+    assert seen.kind == FOLD
+    assert seen.point == pytest.approx([0.0, 1.0], abs=0.3**3 / 24)  # by which the chord is shorter than the arc
+
+
+def test_a_curve_that_falls_from_its_begin_on_has_its_interpolated_peak_there() -> None:
+    hertz = np.linspace(2.0, 2.6, 7)
+    assert interpolated_peak(hertz, 3.0 - hertz, 2 * hertz) == pytest.approx((2.0, 1.0, 4.0))

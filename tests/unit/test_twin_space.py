@@ -18,14 +18,16 @@ from campaigns.space import (
     struck_frequencies,
     struck_lane,
 )
+from scipy import signal
 
 import sinew as sn
 from sinew.measure.attitude import swing_of
 from sinew.measure.errors import SpecError
+from sinew.mechanics.space import Motion, Pull, free_acceleration, space_at_rest, state_rate
 from sinew.plan.pose import STRAIGHT
 from sinew.solve.march import runge_kutta, runge_kutta_samples
 from sinew.twin.cache import configure, use_all_cores
-from sinew.twin.parameters import Effects
+from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import space_lanes, swing_lanes
 
@@ -56,6 +58,34 @@ def test_evaluations_in_a_loop_give_the_steps_of_runge_kutta() -> None:
     )
     np.testing.assert_allclose(seen[:4], jnp.stack(expected[0:12:3]), rtol=0, atol=1e-14)
     np.testing.assert_allclose(end, expected[12], rtol=0, atol=1e-14)
+
+
+def test_the_gyroscope_in_space_is_butterworths_low_pass() -> None:
+    space = space_from_rig(RIG)
+    state, zero = space_at_rest(jnp.zeros((6, 3)), space), jnp.zeros(())
+
+    def rate(spin: float, gyro: float, gyro_rate: float) -> float:
+        now = state._replace(gyro=jnp.full(3, gyro), gyro_rate=jnp.full(3, gyro_rate))
+        moved = Motion(None, None, None, None, jnp.full(3, spin), None, None, None)
+        felt = Pull(None, None, zero, None, None)
+        return float(state_rate(now, jnp.zeros(18), zero, moved, felt, space).gyro_rate[1])
+
+    gain, poles = signal.butter(2, float(space.rod.joint.low_pass_omega), analog=True)
+    assert [rate(1, 0, 0), -rate(0, 1, 0), -rate(0, 0, 1)] == pytest.approx([gain[-1], poles[2], poles[1]])
+
+
+@pytest.mark.parametrize("prescribed", [False, True])
+def test_a_prescribed_lever_accelerates_as_it_is_told_and_another_by_its_servo(prescribed: bool) -> None:
+    space, coupling = space_from_rig(RIG), 1e-6
+    inertia = float(space.lever_tensor[0] + space.rod.joint.armature)
+    row, mass, zero = jnp.eye(18)[0] * coupling, 1e-3 * jnp.eye(18), jnp.zeros(())
+    moved = Motion(mass, row, None, zero, None, None, None, None)
+    joint, lever = free_acceleration(
+        jnp.zeros(18), jnp.asarray(0.1), moved, space._replace(added=0.0), 7.0, prescribed, jnp.linalg.solve
+    )
+    # m q̈ + c θ̈ = 0, c q̈ + I θ̈ = 0.1
+    expected = 7.0 if prescribed else 0.1 / (inertia - coupling**2 / 1e-3)
+    assert [float(lever), float(joint[0])] == pytest.approx([expected, -coupling * expected / 1e-3])
 
 
 def test_tendons_that_hold_a_tension_are_not_driven() -> None:

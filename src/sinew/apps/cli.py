@@ -23,7 +23,7 @@ app = typer.Typer(
     name="sinew",
     help="Sinew: a resonance laboratory for tendon-driven continuum joints, in software.",
     epilog="Example: sinew reproduce --out out/paper",
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )

@@ -9,15 +9,16 @@ numbers (which become nanoseconds), quantities with a unit of their own, a DataF
 import os
 import resource
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd  # type: ignore[import-untyped,unused-ignore]
-import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SchemaError, TimeError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def as_numbers(values: Any, name: str) -> Array:
@@ -59,6 +60,9 @@ def as_seconds(values: Any, name: str = "time") -> Array:
 
 def _plain(values: Any, name: str) -> NDArray[Any]:
     """Return values as a numpy array, without what numpy would drop in silence."""
+    import pandas as pd  # type: ignore[import-untyped,unused-ignore]
+    import xarray as xr
+
     if hasattr(values, "magnitude") and hasattr(values, "units"):
         raise RecordingError(f"the {name} carries a unit of its own ({values.units}); give its numbers in SI units")
     if isinstance(values, pd.DataFrame):
@@ -88,6 +92,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _dates(values: NDArray[Any], name: str) -> NDArray[Any]:
+    import pandas as pd
+
     try:
         if hasattr(values.flat[0], "total_seconds"):
             return np.asarray(pd.to_timedelta(values))
@@ -106,8 +112,10 @@ def as_path(path: Any) -> Path:
     raise FileError(f"found a {type(path).__name__} where a path is expected; name a file, as text or pathlib.Path")
 
 
-def as_dataset(dataset: Any, what: str) -> xr.Dataset:
+def as_dataset(dataset: Any, what: str) -> "xr.Dataset":
     """Return a recording or results unchanged. what: "recording" or "results". Raises SchemaError for other things."""
+    import xarray as xr
+
     if not isinstance(dataset, xr.Dataset):
         how = {"recording": "load_recording or import_csv gives one", "results": "load_results gives some"}[what]
         raise SchemaError(f"found a {type(dataset).__name__} where a {what} (xarray.Dataset) is expected; {how}")

@@ -4,10 +4,9 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from sinew.measure.doors import as_numbers, as_seconds
@@ -23,6 +22,9 @@ from sinew.measure.schema import (
     validate_recording,
 )
 from sinew.measure.timing import choose_stretch
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 REGISTERS_ATTRIBUTE = "registers"
 """Attribute of a recording from a bench: the motors' registers as they were read back, as JSON."""
@@ -64,7 +66,7 @@ def build_recording(
     row_size: Sequence[int],
     attrs: Mapping[str, Any],
     units: Mapping[str, str] | None = None,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Return a valid recording.
 
     samples: arrays by schema name, all of the same first length; see `SAMPLE_VARIABLES`.
@@ -73,6 +75,8 @@ def build_recording(
     units: units of `response` and `drive`, which the schema leaves open.
     Raises SchemaError where the parts do not fit together.
     """
+    import xarray as xr
+
     variables: dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]] = {}
     for name, values in samples.items():
         if name not in SAMPLE_VARIABLES:
@@ -115,13 +119,13 @@ def _numbers(values: ArrayLike, name: str) -> ArrayLike:
     return as_numbers(values, name)
 
 
-def segment_slices(recording: xr.Dataset) -> list[slice]:
+def segment_slices(recording: "xr.Dataset") -> list[slice]:
     """Return the sample slice of every segment, in order."""
     ends = np.cumsum(recording["row_size"].values)
     return [slice(int(end - size), int(end)) for end, size in zip(ends, recording["row_size"].values, strict=True)]
 
 
-def iterate_segments(recording: xr.Dataset, kind: SegmentKind | None = None) -> Iterator[tuple[int, Segment, slice]]:
+def iterate_segments(recording: "xr.Dataset", kind: SegmentKind | None = None) -> Iterator[tuple[int, Segment, slice]]:
     """Yield (index, segment, sample slice) of every segment, or of those of one kind."""
     names = ["kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat"]
     if all(name in recording for name in SPATIAL_SEGMENTS):
@@ -133,7 +137,7 @@ def iterate_segments(recording: xr.Dataset, kind: SegmentKind | None = None) -> 
             yield index, Segment(**told | {"repeat": int(told["repeat"])}), where
 
 
-def read_registers(recording: xr.Dataset) -> list[dict[str, Any]]:
+def read_registers(recording: "xr.Dataset") -> list[dict[str, Any]]:
     """Return with which registers the motors measured, one mapping for each run that wrote to the recording.
 
     run: its number, from 1. tendon_mode: position, position-with-current-limit or current. motors: by name ("tendon 1",
@@ -154,7 +158,7 @@ def read_registers(recording: xr.Dataset) -> list[dict[str, Any]]:
 # An imported recording is cut to the stretch of time that the user names.
 
 
-def cut_recording(recording: xr.Dataset, start_s: float | None, stop_s: float | None) -> xr.Dataset:
+def cut_recording(recording: "xr.Dataset", start_s: float | None, stop_s: float | None) -> "xr.Dataset":
     """Return the samples of an imported recording from start_s to stop_s, both included [s]; None leaves an end open.
 
     The times are those of the recording, as in the file it came from. Segments without a sample left are dropped, and

@@ -7,14 +7,16 @@ name carries its unit.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 RECORDING_SCHEMA = "sinew-recording-1"
 SPATIAL_SCHEMA = "sinew-recording-2"
@@ -111,7 +113,7 @@ SPATIAL_SEGMENTS = ("bend_deg", "azimuth_deg", "excitation", "amplitude_mm", "im
 _RESPONSES = ("torsion_rad", "gyro_rad_s", "response")
 
 
-def validate_recording(recording: xr.Dataset) -> xr.Dataset:
+def validate_recording(recording: "xr.Dataset") -> "xr.Dataset":
     """Return the recording unchanged if it keeps the schema.
 
     Raises SchemaError with one sentence: what was found, what was expected.
@@ -131,7 +133,7 @@ def validate_recording(recording: xr.Dataset) -> xr.Dataset:
     return recording
 
 
-def _check_variable(recording: xr.Dataset, name: str, variable: Variable) -> None:
+def _check_variable(recording: "xr.Dataset", name: str, variable: Variable) -> None:
     if name not in recording:
         if variable.required:
             raise SchemaError(f"recording lacks the variable {name!r} ({variable.meaning})")
@@ -154,7 +156,7 @@ def _check_variable(recording: xr.Dataset, name: str, variable: Variable) -> Non
             raise SchemaError(f"recording variable {name!r} holds NaN or infinity (first at sample {where})")
 
 
-def _check_segments(recording: xr.Dataset) -> None:
+def _check_segments(recording: "xr.Dataset") -> None:
     sizes = recording["row_size"].values
     total = recording.sizes["sample"]
     if sizes.size == 0 or total == 0:
@@ -171,7 +173,7 @@ def _check_segments(recording: xr.Dataset) -> None:
 _UNIT_WITHIN = 1e-3
 
 
-def _check_space(recording: xr.Dataset) -> None:
+def _check_space(recording: "xr.Dataset") -> None:
     """Check what only a head that bends or sways has: pose and excitation of each segment, orientation."""
     here = [name for name in SPATIAL_SEGMENTS if name in recording]
     if 0 < len(here) < len(SPATIAL_SEGMENTS):
@@ -203,7 +205,7 @@ def _check_space(recording: xr.Dataset) -> None:
             )
 
 
-def _check_times(recording: xr.Dataset) -> None:
+def _check_times(recording: "xr.Dataset") -> None:
     steps = np.diff(recording["time_s"].values)
     ends = np.cumsum(recording["row_size"].values)[:-1]
     inside = np.ones(steps.size, dtype=bool)
@@ -397,7 +399,7 @@ def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLik
     return row.dims, values, {"units": row.unit, "long_name": row.meaning}
 
 
-def upgrade_results(results: xr.Dataset) -> xr.Dataset:
+def upgrade_results(results: "xr.Dataset") -> "xr.Dataset":
     """Return results of schema sinew-results-1, whose axes had no coordinates, in today's shape; others unchanged.
 
     No number moves; what was not asked then is NaN. `pretension` and `frequency` become the index coordinates
@@ -429,7 +431,7 @@ def upgrade_results(results: xr.Dataset) -> xr.Dataset:
     return upgraded
 
 
-def validate_results(results: xr.Dataset) -> xr.Dataset:
+def validate_results(results: "xr.Dataset") -> "xr.Dataset":
     """Return the results unchanged if they keep the schema. Raises SchemaError with one sentence."""
     schema = as_dataset(results, "results").attrs.get("schema")
     if schema != RESULTS_SCHEMA:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json as json_
+import os
 import re
 import signal
 import socket
@@ -9,7 +10,9 @@ import stat
 import sys
 import threading
 import time
-from contextlib import suppress
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import quote
@@ -25,6 +28,7 @@ _LOOK_S = 0.05
 _TOKEN = re.compile(r"[!-~]{20,200}")
 _ADDRESS = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+):([0-9]{1,5})")
 _ANY = ("0.0.0.0", "::")
+_OPENS = "open.html"
 
 
 def serve(
@@ -38,12 +42,14 @@ def serve(
         list[str] | None, option("NAME", "A name under which a proxy brings browsers; may be repeated.")
     ] = None,
     token_file: Annotated[Path | None, option("FILE", "Take the token from a file, not a new one.")] = None,
+    no_browser: Annotated[bool, flag("--no-browser", "Print the address and open no browser.")] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Open the dashboard of a bench in the browser: watch, steer and compare runs, until interrupted.
 
-    Prints an address that ends in a token: whoever opens it may steer. Without --port-bench and --emulate past runs
+    Prints an address that ends in a token: whoever opens it may steer. On a terminal of a computer with a screen, the
+    browser opens it by itself. Without --port-bench and --emulate past runs
     can be looked at and no run begun. Ctrl-C or SIGTERM end it: a run on a real bench goes on, one on the emulated
     bench is stopped first; a second Ctrl-C does not wait. SIGQUIT (Ctrl-\\) is the emergency stop.
     """
@@ -72,11 +78,11 @@ def serve(
         )
     steward = Steward(settings)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was begun is ended
-    _look_after(steward, access, as_json=json)
+    _look_after(steward, access, as_json=json, opens=not (no_browser or json) and _has_screen())
 
 
-def _look_after(steward: "Steward", access: "Access", *, as_json: bool) -> None:
-    """Serve until a signal ends it, and say what goes on."""
+def _look_after(steward: "Steward", access: "Access", *, as_json: bool, opens: bool) -> None:
+    """Serve until a signal ends it, and say what goes on. opens: whether a browser is to open the page."""
     over = threading.Event()
 
     def end(*_: Any) -> None:
@@ -92,9 +98,11 @@ def _look_after(steward: "Steward", access: "Access", *, as_json: bool) -> None:
         }.items():
             signal.signal(number, handler)
         _await_page(steward, over)
-        _say_ready(steward, access, as_json=as_json)
-        while not over.wait(_LOOK_S * 10):
-            pass
+        url = _say_ready(steward, access, as_json=as_json)
+        with opened(url, steward.settings.runs) if opens and steward.page_state == "up" else nullcontext():
+            steward.await_bench(over)
+            while not over.wait(_LOOK_S * 10):
+                pass
         left = steward.run_left()
         if left is not None and steward.settings.bench == "emulator":
             remark(f"the run {left[0]} is stopped, then the emulator; Ctrl-C again does not wait")
@@ -115,7 +123,36 @@ def _await_page(steward: "Steward", over: threading.Event) -> None:
         remark(f"the page does not come up, the commands do; see {steward.settings.runs / '.bench' / 'page.log'}")
 
 
-def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
+def _has_screen() -> bool:
+    """Return whether a browser that is opened here is seen by who reads our terminal."""
+    if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
+        return False
+    return sys.platform in ("darwin", "win32") or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+
+
+@contextmanager
+def opened(url: str, runs: Path) -> Iterator[None]:
+    """Have the browser open an address that holds a token, and show it to nobody else.
+
+    The address would stand in the list of processes, which others can read. So the browser is given a file that only
+    its owner can read, in the folder of the runs, and that leads on; the file goes away at the end.
+    """
+    page = runs.absolute() / _OPENS
+    script = f"<script>location = {json_.dumps(url)}</script>"
+    with suppress(OSError):  # the address is printed all the same
+        page.unlink(missing_ok=True)
+        with os.fdopen(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.write(f'<!doctype html>\n<meta charset="utf-8">\n<title>Sinew</title>\n{script}\n')
+        threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            page.unlink(missing_ok=True)
+
+
+def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> str:
+    """Print the address, and return it."""
     settings = steward.settings
     name = socket.gethostname() if access.host in _ANY else f"[{access.host}]" if ":" in access.host else access.host
     url = f"http://{name}:{access.port}/#token={quote(access.token, safe='')}"
@@ -126,6 +163,7 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
     else:
         print(url)
     sys.stdout.flush()
+    return url
 
 
 def _refuse_without_packages() -> None:

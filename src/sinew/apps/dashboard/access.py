@@ -594,33 +594,17 @@ WINDOW_S = 60.0
 
 _MOST_SOURCES = 1024
 
-SIGN_IN_PAGE = """\
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Sinew: sign in</title>
-<style>
-:root { color-scheme: light dark; font: 1rem/1.5 system-ui, sans-serif; }
-main { max-width: 26rem; margin: 12vh auto; padding: 0 1rem; }
-label, input, button { display: block; width: 100%; box-sizing: border-box; font: inherit; }
-input, button { margin: .25rem 0 1rem; padding: .6rem; }
-</style>
-</head>
-<body>
-<main>
+SIGN_IN = """\
 <h1>Sinew</h1>
 <p>Sign in with the token that <code>sinew serve</code> printed.</p>
-<form>
+<form id="sinew-sign-in-form">
 <label for="token">Token</label>
 <input id="token" type="password" autocomplete="off" required>
-<button>Sign in</button>
+<button class="sinew-button main">Sign in</button>
 <p id="said" role="status"></p>
 </form>
-</main>
 <script>
-const form = document.querySelector("form"), said = document.getElementById("said");
+const form = document.getElementById("sinew-sign-in-form"), said = document.getElementById("said");
 async function signIn(token) {
   try {
     const answer = await fetch("/login", {
@@ -637,10 +621,8 @@ form.addEventListener("submit", event => {
 const given = new URLSearchParams(location.hash.slice(1)).get("token");
 if (given) { history.replaceState(null, "", location.pathname); signIn(given); }
 </script>
-</body>
-</html>
 """
-"""HTML of a page that asks for the token, or takes it from the address's fragment."""
+"""What a page holds, as HTML, that asks for the token, or takes it from the address's fragment."""
 
 
 class Attempts:
@@ -669,8 +651,8 @@ class Attempts:
             self._wrong.popitem(last=False)
 
 
-def sign_in_routes(access: Access, attempts: Attempts | None = None) -> list[Route]:
-    """Return the routes GET /login (a page), POST /login {"token": ...} (sets the cookie) and POST /logout.
+def sign_in_routes(access: Access, page: str, attempts: Attempts | None = None) -> list[Route]:
+    """Return the routes GET /login (the page, HTML), POST /login {"token": ...} (sets the cookie) and POST /logout.
 
     A session that is signed out is over for both servers, wherever its cookie was copied to.
     """
@@ -705,11 +687,8 @@ def sign_in_routes(access: Access, attempts: Attempts | None = None) -> list[Rou
         access.set_cookie(answer, request, "")
         return answer
 
-    async def page(_request: Request) -> Response:
-        return HTMLResponse(SIGN_IN_PAGE)
-
     return [
-        Route("/login", page, methods=["GET"]),
+        Route("/login", lambda _: HTMLResponse(page), methods=["GET"]),
         Route("/login", sign_in, methods=["POST"]),
         Route("/logout", sign_out, methods=["POST"]),
     ]

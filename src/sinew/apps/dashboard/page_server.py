@@ -22,8 +22,6 @@ from fastapi import FastAPI, WebSocket
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
-from starlette.responses import HTMLResponse
-from starlette.routing import Route
 
 from sinew.apps.dashboard.access import Access, Gate, SignedOut, server_config, sign_in_routes
 from sinew.apps.dashboard.hub import Hub, Results, serve_stream
@@ -94,7 +92,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
 
     app = FastAPI(lifespan=living, docs_url=None, redoc_url=None, openapi_url=None)
     asking = sign_in_page(site)
-    app.router.routes += [Route("/login", lambda _: HTMLResponse(asking), methods=["GET"]), *sign_in_routes(access)]
+    app.router.routes += sign_in_routes(access, asking)
     _add_downloads(app, site)
 
     @app.websocket("/stream")

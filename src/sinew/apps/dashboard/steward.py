@@ -8,7 +8,6 @@ import asyncio
 import fcntl
 import json
 import select
-import signal
 import socket
 import subprocess
 import threading
@@ -18,7 +17,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import IO, Annotated, Any, Literal, Protocol
 
 import uvicorn
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -67,6 +66,7 @@ class BenchEmulator:
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
         self._folder, self._command = folder, command
         self._process: Process | None = None
+        self._announced: IO[bytes] | None = None
         self.is_in_space = False
 
     @property
@@ -87,18 +87,34 @@ class BenchEmulator:
     def open(self, rig: str, seed: int) -> bool:
         """Begin the emulator, or take over one that is there; return whether it was there.
 
-        rig: TOML file or name. Raises FileError where it does not get ready, or plays another rig.
+        rig: TOML file or name. Its port is there after a while, see `await_ready`; meanwhile the pages are begun.
+        Raises FileError where one that is there plays another rig.
         """
         self._folder.mkdir(parents=True, exist_ok=True)
         self._process = self._found(rig)
         if self._process is not None:
             return True
         self._clear_link()
-        process = self._begin(rig, seed, subprocess.PIPE)
-        if not _is_ready(process):
-            self.close()
-            raise FileError(f"the emulator does not get ready: {self.last_words()}; see {self._folder / _LOG}")
+        self._announced = self._begin(rig, seed, subprocess.PIPE).stdout
         return False
+
+    def await_ready(self, over: threading.Event) -> None:
+        """Wait until the emulator that was begun says that its port is there, unless that is over before.
+
+        Raises FileError where it does not get ready.
+        """
+        process, out, self._announced = self._process, self._announced, None
+        if out is None:
+            return
+        end = time.monotonic() + _READY_S
+        with out:
+            while not (comes := select.select([out], [], [], _LOOK_S)[0]) and time.monotonic() < end:
+                if over.is_set():
+                    return
+            if (comes and out.readline()) or self._process is not process:  # the last: it was begun anew meanwhile
+                return
+        self.close()
+        raise FileError(f"the emulator does not get ready: {self.last_words()}; see {self._folder / _LOG}")
 
     def change(self, rig: str, seed: int, *, in_space: bool) -> None:
         """End the emulator and begin one whose head bends and sways, or only turns; its port is there after a while.
@@ -158,19 +174,6 @@ class BenchEmulator:
         run_desk.write_pid(self._folder / _PID, process.pid)
         (self._folder / _RIG).write_text("\n".join([rig, *([_IN_SPACE] if self.is_in_space else [])]), encoding="utf-8")
         return process
-
-
-def _is_ready(process: "subprocess.Popen[bytes]") -> bool:
-    assert process.stdout is not None
-    with process.stdout as out:
-        end = time.monotonic() + _READY_S
-        if not select.select([out], [], [], max(0.0, end - time.monotonic()))[0]:
-            process.send_signal(signal.SIGKILL)
-            return False
-        try:
-            return isinstance(json.loads(out.readline()), dict)
-        except ValueError:
-            return False
 
 
 # The page server is kept alive: a process that may fall over without anything moving.
@@ -514,6 +517,11 @@ class Steward:
 
     def __exit__(self, *_: object) -> None:
         self._ends.close()
+
+    def await_bench(self, over: threading.Event) -> None:
+        """Wait until an emulated bench is there, unless that is over before. Raises FileError where it never is."""
+        if self._emulator is not None:
+            self._emulator.await_ready(over)
 
     @property
     def page_state(self) -> str:

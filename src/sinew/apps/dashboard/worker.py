@@ -1,9 +1,10 @@
 """Workers of a page server: for what takes long, or needs JAX, processes of their own.
 
-Five of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX,
-`sliders` sketches, `curves` refines and previews, `bands` predicts plans, `long` opens past runs and makes files. Each
-begins with its first call, so that a bench that keeps time beside them is not held up by what nobody has asked for.
-They end with the process that made them.
+Three pools, all with less right to a core than a control loop. `quick` is one process that needs no JAX: shelf, lists,
+what a run under way has found. `sketch` is one that has compiled what sliders need. `heavy` is one for all the rest,
+and a second while the first is busy. So neither a list nor a slider waits behind what takes long. A process begins with
+its first call, so that a bench that keeps time beside it is not held up by what nobody has asked for; it ends where
+nobody asks any more, and its memory goes back; and it ends with the process that made it.
 """
 
 import asyncio
@@ -16,8 +17,8 @@ import traceback
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from dataclasses import dataclass, field
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from typing import Any, NamedTuple, Protocol
 
@@ -37,46 +38,52 @@ class WorkerError(SinewError):
 class Call(NamedTuple):
     """A function that can be called.
 
-    module: of the package `work`. lane: light, sliders, curves, bands or long. most_s: longest time that it may take,
-    after which its process is ended.
+    module: of the package `work`. pool: one of `POOLS`. most_s: longest time that it may take, after which its process
+    is ended.
     """
 
     module: str
-    lane: str
+    pool: str
     most_s: float
 
 
+class Size(NamedTuple):
+    """What a pool is made for. processes: so many at most. idle_s: after so long without a call one is ended [s]."""
+
+    processes: int
+    idle_s: float
+
+
+POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0)}
+"""The pools by name. Who thinks for a minute about a slider finds it warm; to become so again takes 5 s of a core."""
+
 CALLS = {
-    "shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "read_shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "measured_so_far": Call(f"{_WORK}.results", "light", _SHORT_S),
-    "samples_about": Call(f"{_WORK}.samples", "light", _SHORT_S),
-    "samples_piece": Call(f"{_WORK}.samples", "light", _SHORT_S),
-    "samples_spectrum": Call(f"{_WORK}.samples", "light", _SHORT_S),
-    "preview_document": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
-    "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
-    "sketch_curves": Call(f"{_WORK}.design", "sliders", _SHORT_S),
-    "warm_up": Call(f"{_WORK}.design", "sliders", _WARM_UP_S),
-    "suggest_pretension": Call(f"{_WORK}.design", "long", _LONG_S),
-    "prediction_for_plan": Call(f"{_WORK}.design", "bands", _LONG_S),
-    "run_results": Call(f"{_WORK}.results", "long", _LONG_S),
-    "download": Call(f"{_WORK}.results", "long", _LONG_S),
+    "shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "read_shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "list_runs": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "measured_so_far": Call(f"{_WORK}.results", "quick", _SHORT_S),
+    "samples_about": Call(f"{_WORK}.samples", "quick", _SHORT_S),
+    "samples_piece": Call(f"{_WORK}.samples", "quick", _SHORT_S),
+    "samples_spectrum": Call(f"{_WORK}.samples", "quick", _SHORT_S),
+    "preview_document": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),
+    "design_curves": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),
+    "sketch_curves": Call(f"{_WORK}.design", "sketch", _SHORT_S),
+    "warm_up": Call(f"{_WORK}.design", "sketch", _WARM_UP_S),
+    "suggest_pretension": Call(f"{_WORK}.design", "heavy", _LONG_S),
+    "prediction_for_plan": Call(f"{_WORK}.design", "heavy", _LONG_S),
+    "run_results": Call(f"{_WORK}.results", "heavy", _LONG_S),
+    "download": Call(f"{_WORK}.results", "heavy", _LONG_S),
 }
 """What can be called, by name."""
 
 
-def _begin(lane: str) -> None:
-    """Prepare a process: low priority, so much memory, JAX as everywhere, an end with whoever made it."""
+def _begin() -> None:
+    """Prepare a process: low priority, so much memory, an end with whoever made it."""
     os.nice(_NICE)
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = _MOST_DATA + _DATA_OF_A_CORE * (os.cpu_count() or 1)
     resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
-    if lane != "light":
-        from sinew.twin.cache import configure
-
-        configure()
 
 
 def _end_with_the_maker() -> None:
@@ -109,72 +116,106 @@ class _Request:
     is_wanted: bool = True
 
 
-@dataclass
-class _Lane:
-    """A process, and whose turn it is."""
+class _Place:
+    """The place of one process in a pool, taken by one call at a time."""
 
-    name: str
-    newest: dict[str, _Request] = field(default_factory=dict)
-    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
-    pool: ProcessPoolExecutor | None = None
+    def __init__(self, idle_s: float) -> None:
+        self._idle_s = idle_s
+        self._executor: ProcessPoolExecutor | None = None
+        self._idle: asyncio.TimerHandle | None = None
 
-    def submit(self, name: str, arguments: tuple[Any, ...]) -> "Future[Any]":
-        """Have the process begin, starting it where there is none."""
-        if self.pool is None:
-            context = get_context("spawn")
-            self.pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self.name,))
-        return self.pool.submit(_run, CALLS[name].module, name, arguments)
+    @property
+    def is_taken(self) -> bool:
+        """Whether there is a process."""
+        return self._executor is not None
 
-    def end(self) -> None:
-        """End the process at once, whatever it does."""
-        pool, self.pool = self.pool, None
-        if pool is None:
-            return
-        # The executor knows no way to end a call that is under way.
-        for process in list((getattr(pool, "_processes", None) or {}).values()):
-            process.kill()
-        pool.shutdown(wait=False, cancel_futures=True)
-
-    async def serve(self, request: _Request, key: str | None) -> Any:
-        """Return what a request's function says, when it is its turn; None where nobody wants it by then."""
-        async with self.turn:
-            if not request.is_wanted or (key is not None and self.newest.get(key) is not request):
-                return None
-            try:
-                return await self._tried(request, again=True)
-            finally:
-                if key is not None and self.newest.get(key) is request:
-                    del self.newest[key]
-
-    async def _tried(self, request: _Request, *, again: bool) -> Any:
+    async def run(self, request: _Request) -> Any:
+        """Return what a request's function says, in a process that is begun where there is none."""
+        self._forget_idle()
         most_s = CALLS[request.name].most_s
         try:
-            return await asyncio.wait_for(asyncio.wrap_future(self.submit(request.name, request.arguments)), most_s)
+            for _ in range(2):
+                with suppress(BrokenProcessPool):
+                    return await asyncio.wait_for(asyncio.wrap_future(self._submit(request)), most_s)
+                self.end()
+            raise WorkerError(f"the process of {request.name} ended twice, perhaps for want of memory")
         except TimeoutError:
             self.end()
             raise WorkerError(
                 f"{request.name} took more than {most_s:g} s and was ended; ask for less at once"
             ) from None
-        except BrokenProcessPool:
-            self.end()
-            if again:
-                return await self._tried(request, again=False)
-            raise WorkerError(f"the process of {request.name} ended twice, perhaps for want of memory") from None
+        finally:
+            if self.is_taken:
+                self._idle = asyncio.get_running_loop().call_later(self._idle_s, self.end)
+
+    def end(self) -> None:
+        """End the process at once, whatever it does."""
+        self._forget_idle()
+        executor, self._executor = self._executor, None
+        if executor is None:
+            return
+        # The executor knows no way to end a call that is under way.
+        for process in list((getattr(executor, "_processes", None) or {}).values()):
+            process.kill()
+        executor.shutdown(wait=False, cancel_futures=True)
+
+    def _submit(self, request: _Request) -> "Future[Any]":
+        if self._executor is None:
+            self._executor = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin)
+        return self._executor.submit(_run, CALLS[request.name].module, request.name, request.arguments)
+
+    def _forget_idle(self) -> None:
+        if self._idle is not None:
+            self._idle.cancel()
+            self._idle = None
+
+
+class _Pool:
+    """A few places, and whose turn it is. The first that is free is taken: it is the warmest."""
+
+    def __init__(self, size: Size) -> None:
+        self.places = [_Place(size.idle_s) for _ in range(size.processes)]
+        self._free = asyncio.PriorityQueue[int]()
+        for number in range(size.processes):
+            self._free.put_nowait(number)
+        self._keys: dict[str, tuple[asyncio.Lock, _Request]] = {}
+
+    def put(self, request: _Request, key: str) -> asyncio.Lock:
+        """Make a request the newest of its key, and return what lets one of them after the other run."""
+        lock = self._keys[key][0] if key in self._keys else asyncio.Lock()
+        self._keys[key] = lock, request
+        return lock
+
+    async def serve(self, request: _Request, key: str | None, lock: asyncio.Lock | None) -> Any:
+        """Return what a request's function says, when it is its turn; None where nobody wants it by then."""
+        try:
+            async with lock or nullcontext():
+                number = await self._free.get()
+                try:
+                    is_wanted = request.is_wanted and self._is_newest(request, key)
+                    return await self.places[number].run(request) if is_wanted else None
+                finally:
+                    self._free.put_nowait(number)
+        finally:
+            if key is not None and self._is_newest(request, key):
+                del self._keys[key]
+
+    def _is_newest(self, request: _Request, key: str | None) -> bool:
+        return key is None or (key in self._keys and self._keys[key][1] is request)
 
 
 class Worker:
     """Runs the functions of `CALLS` in other processes; for one event loop."""
 
     def __init__(self) -> None:
-        self._is_warming = False
-        self._lanes = {name: _Lane(name) for name in ("light", "sliders", "curves", "bands", "long")}
+        self._pools = {name: _Pool(size) for name, size in POOLS.items()}
         self._tasks: set[asyncio.Task[Any]] = set()
 
     def warm_up(self) -> None:
-        """Begin to compile what sliders need, the first time; returns at once."""
-        if not self._is_warming:
-            self._is_warming = True
-            self._begin(self._lanes["sliders"], _Request("warm_up", ()), None)
+        """Begin to compile what sliders need, where no process has done so; returns at once."""
+        pool = self._pools[CALLS["warm_up"].pool]
+        if not any(place.is_taken for place in pool.places):
+            self._begin(pool, _Request("warm_up", ()), None)
 
     async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
         """Return what a function of `sinew.apps.dashboard.work` returns for these arguments, plain data all.
@@ -183,18 +224,16 @@ class Worker:
         older ones return None.
         Raises SinewError: what the function raises; WorkerError where it took too long or its process ended twice.
         """
-        lane = self._lanes[CALLS[name].lane]
         request = _Request(name, arguments)
-        if key is not None:
-            lane.newest[key] = request
-        task = self._begin(lane, request, key)
+        task = self._begin(self._pools[CALLS[name].pool], request, key)
         try:
             return await asyncio.shield(task)
         finally:
             request.is_wanted = False
 
-    def _begin(self, lane: _Lane, request: _Request, key: str | None) -> "asyncio.Task[Any]":
-        task = asyncio.create_task(lane.serve(request, key))
+    def _begin(self, pool: _Pool, request: _Request, key: str | None) -> "asyncio.Task[Any]":
+        lock = None if key is None else pool.put(request, key)
+        task = asyncio.create_task(pool.serve(request, key, lock))
         self._tasks.add(task)
         task.add_done_callback(self._heard)
         return task
@@ -206,8 +245,9 @@ class Worker:
 
     def close(self) -> None:
         """End all processes at once."""
-        for lane in self._lanes.values():
-            lane.end()
+        for pool in self._pools.values():
+            for place in pool.places:
+                place.end()
 
 
 # It is said what the pages ask of whoever computes for them.

@@ -68,25 +68,16 @@ def import_(
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, option("csv|mat", "The format to write.")],
+    to: Annotated[str, option("csv|mat|parquet|uff|mcap", "The format to write.")],
     out: Annotated[Path, option("PATH", "The file to write.")],
     json: Json = False,
 ) -> None:
-    """Write a recording as a CSV table or a MATLAB file."""
-    console.one_of("--to", to, ("csv", "mat"))
+    """Write a recording for other programs: CSV or Parquet table, MATLAB, UFF 58, MCAP (Foxglove, PlotJuggler)."""
+    from sinew.measure.files.export import EXPORTS, export_recording
     from sinew.measure.files.netcdf import load_recording
 
+    console.check_choice("--to", to, EXPORTS)
     recording = load_recording(file)
-    console.require_file(out)
-    if to == "csv":
-        from sinew.measure.files.csv import export_csv
-
-        export_csv(recording, out)
-    else:
-        from sinew.measure.files.netcdf import export_mat
-
-        export_mat(recording, out)
-    if json:
-        console.print_json({"file": str(out), "format": to, "samples": recording.sizes["sample"]})
-    else:
-        print(f"{out}: {recording.sizes['sample']} samples")
+    export_recording(recording, console.require_file(out), to)
+    document = {"file": str(out), "format": to, "samples": recording.sizes["sample"]}
+    console.print_result(document, [f"{out}: {recording.sizes['sample']} samples"], json=json)

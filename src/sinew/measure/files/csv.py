@@ -28,7 +28,7 @@ from sinew.measure.arrays import Array, Mask
 from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, SpecError, UnitError
 from sinew.measure.files.formats import open_file
-from sinew.measure.files.netcdf import provenance, write_atomically
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.files.runs import (
     Opened,
     Run,
@@ -42,9 +42,9 @@ from sinew.measure.files.runs import (
 )
 from sinew.measure.files.text import STAMP
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import IMPORT_SEGMENTS, SAMPLE_VARIABLES, SEGMENT_VARIABLES, ReadKind, validate_recording
+from sinew.measure.schema import IMPORT_SEGMENTS, ReadKind
 from sinew.measure.timing import Gaps, Timeline, choose_stretch, refuse_backwards, straighten_times
-from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
+from sinew.measure.units import canonical_unit, convert, unit_in_name
 
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
 Table: TypeAlias = "pd.DataFrame"
@@ -438,7 +438,6 @@ _RATE_NOTE = (
     "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
     "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
 )
-_AXES = "xyz"
 
 
 def import_csv(
@@ -525,51 +524,3 @@ def refuse_bridge(kind: ReadKind) -> None:
     """Raise RecordingError where a record of a kind whose analysis needs even samples is bridged over its gaps."""
     if IMPORT_SEGMENTS[kind] != "ring-down":
         raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
-
-
-def export_csv(recording: xr.Dataset, path: Path | str) -> None:
-    """Write a recording as one flat table, atomically: a row for each sample, segment columns repeated in each.
-
-    Channels with several columns get one for each (`gyro_x_rad_s`, `tendon_1_current_a`); numbers are written so that
-    they read back unchanged. Rig, plan and other attributes are not in the table.
-    Raises SchemaError where it is not a recording, FileError where the file cannot be written.
-
-    >>> import tempfile, pandas as pd
-    >>> import sinew as sn
-    >>> recording = sn.read(pd.DataFrame({"t": range(50), "x": [0.0, 1.0] * 25}), time="t", response="x")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     sn.export_csv(recording, f"{folder}/mine.csv")
-    """
-    validate_recording(recording)
-    sizes = recording["row_size"].values
-    columns: dict[str, object] = {
-        "time_s": recording["time_s"].values,
-        "segment": np.repeat(np.arange(sizes.size), sizes),
-    }
-    for name, row in SEGMENT_VARIABLES.items():
-        if name not in recording:
-            continue
-        if not row.unit:
-            columns[name] = pd.Categorical(recording[name].values.astype(str)).repeat(sizes)
-        elif name != "row_size":
-            columns[name] = np.repeat(recording[name].values, sizes)
-    for name in SAMPLE_VARIABLES:
-        if name in recording and name not in columns:
-            columns |= _channel_columns(name, recording[name])
-    frame = pd.DataFrame(columns)
-    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False))
-
-
-def _channel_columns(name: str, channel: xr.DataArray) -> dict[str, Array]:
-    """Return the columns of one channel by name, the unit at the end of each name."""
-    if name in ("response", "drive"):
-        unit = str(channel.attrs["units"])
-        suffix = unit_suffix(unit)
-        return {f"{name}_{suffix}" if suffix else name if unit == "1" else f"{name} [{unit}]": channel.values}
-    if channel.ndim == 1:
-        return {name: channel.values}
-    if channel.dims[1] == "quaternion":
-        return {f"{name}_{label}": channel.values[:, i] for i, label in enumerate(("w", *_AXES))}
-    stem, rest = name.split("_", 1)
-    labels = _AXES if channel.dims[1] == "axis" else [str(i + 1) for i in range(channel.shape[1])]
-    return {f"{stem}_{label}_{rest}": channel.values[:, i] for i, label in enumerate(labels)}

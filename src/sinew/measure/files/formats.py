@@ -65,13 +65,16 @@ def open_file(path: Path, width: int | None = None) -> Opened:
     return open_text(path, width)
 
 
-def _library(path: Path, module: str, package: str, what: str) -> Any:
-    """Return a library that does not come with Sinew. Raises FileError, with how to install it, where it is missing."""
+def library(path: Path, module: str, package: str, what: str) -> Any:
+    """Return a library that reads or writes a file and does not come with Sinew.
+
+    Raises FileError, with how to install it, where it is missing.
+    """
     try:
         return importlib.import_module(module)
     except ImportError as error:
         raise FileError(
-            f"{path.name} is {what}, which {package} reads, and that is not installed; "
+            f"{path.name} is {what}, which {package} reads and writes, and that is not installed; "
             f"install it: {how_to_install('formats')}"
         ) from error
 
@@ -111,7 +114,7 @@ def _arrays(tree: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, str
 
 
 def _open_hdf5(path: Path) -> Opened:
-    h5py = _library(path, "h5py", "h5py", "HDF5 or NetCDF")
+    h5py = library(path, "h5py", "h5py", "HDF5 or NetCDF")
     found: list[tuple[str, str, Any]] = []
     units: dict[tuple[str, str], str] = {}
 
@@ -174,7 +177,7 @@ _TDMS_UNITS = ("unit_string", "NI_UnitDescription", "Unit")
 
 
 def _open_tdms(path: Path) -> Opened:
-    nptdms = _library(path, "nptdms", "npTDMS", "a TDMS file of LabVIEW")
+    nptdms = library(path, "nptdms", "npTDMS", "a TDMS file of LabVIEW")
     columns = []
     with _reading(path, "TDMS, a file of LabVIEW"):
         for group in nptdms.TdmsFile.read(path).groups():
@@ -197,7 +200,7 @@ _TIME_RECORDS = (0, 1)  # of the function types of UFF 58: general or not known,
 
 
 def _open_uff(path: Path) -> Opened:
-    pyuff = _library(path, "pyuff", "pyuff", "a universal file (UFF)")
+    pyuff = library(path, "pyuff", "pyuff", "a universal file (UFF)")
     with _reading(path, "a universal file (UFF)"):
         file = pyuff.UFF(str(path))
         kinds = [int(kind) for kind in file.get_set_types()]
@@ -258,7 +261,7 @@ def _cell(cell: Any) -> str:
 
 
 def _open_parquet(path: Path) -> Opened:
-    fastparquet = _library(path, "fastparquet", "fastparquet", "a Parquet file")
+    fastparquet = library(path, "fastparquet", "fastparquet", "a Parquet file")
     # Of a path it would leave the file open, and of a damaged file it prints what no caller asked for.
     with _reading(path, "a Parquet file"), path.open("rb") as file, redirect_stdout(io.StringIO()):
         table = fastparquet.ParquetFile(file).to_pandas()
@@ -272,7 +275,7 @@ def _open_parquet(path: Path) -> Opened:
 
 
 def _open_mcap(path: Path) -> Opened:
-    reader = _library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
+    reader = library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
     with _reading(path, "an MCAP file (rosbag2)"), path.open("rb") as file:
         summary = reader.make_reader(file).get_summary()
         topics = list(dict.fromkeys(channel.topic for channel in summary.channels.values())) if summary else []
@@ -288,8 +291,8 @@ def _open_mcap(path: Path) -> Opened:
 
 def _read_topic(path: Path, topic: str) -> "Table | None":
     """Return a topic as a table, with its headers' time, its own or the log's; None where it holds no numbers."""
-    reader = _library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
-    ros = _library(path, "mcap_ros2.decoder", "mcap-ros2-support", "an MCAP file (rosbag2)")
+    reader = library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
+    ros = library(path, "mcap_ros2.decoder", "mcap-ros2-support", "an MCAP file (rosbag2)")
     rows: list[dict[str, float]] = []
     logged: list[int] = []
     with _reading(path, "an MCAP file (rosbag2)"), path.open("rb") as file:

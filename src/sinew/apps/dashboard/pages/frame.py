@@ -15,7 +15,7 @@ from nicegui import app, core, ui
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from sinew.apps.dashboard.access import SIGN_IN_PAGE
+from sinew.apps.dashboard.access import SIGN_IN
 from sinew.apps.dashboard.hub import Hub, Results
 from sinew.apps.dashboard.work.runs import read_shelf
 from sinew.apps.dashboard.worker import Work
@@ -200,9 +200,4 @@ def add_error_pages(site: Site) -> None:
 
 def sign_in_page(site: Site) -> str:
     """Return the HTML of the page that asks for the token, with the stop, which needs none on the serving machine."""
-    form = SIGN_IN_PAGE.partition("<main>")[2].partition("</main>")[0]
-    form = form.replace("<form>", '<form id="sinew-sign-in-form">')
-    form = form.replace("<button>", '<button class="sinew-button main">')
-    script = SIGN_IN_PAGE.partition("<script>")[2].partition("</script>")[0]
-    content = f'<div class="sinew-card sinew-sign-in">{form}</div><script>{script}</script>'
-    return plain_page(site, "Sign in", content)
+    return plain_page(site, "Sign in", f'<div class="sinew-card sinew-sign-in">{SIGN_IN}</div>')

@@ -236,7 +236,7 @@ def download(folder: Path | str, kind: str) -> Path:
 
 
 def _csv(folder: Path, path: Path) -> None:
-    from sinew.measure.files.csv import export_csv
+    from sinew.measure.files.export import export_csv
     from sinew.measure.files.netcdf import write_atomically
 
     table = path.with_name(f".{folder.name}.csv")
@@ -253,7 +253,7 @@ def _csv(folder: Path, path: Path) -> None:
 
 
 def _mat(folder: Path, path: Path) -> None:
-    from sinew.measure.files.netcdf import export_mat
+    from sinew.measure.files.export import export_mat
 
     export_mat(load_own(folder), path)
 
