@@ -107,7 +107,7 @@ def test_after_the_end_values_are_grey_and_say_how_old_they_are(opened: Open, st
     stage.until("over")
     page.wait_for_function("document.body.dataset.stale === 'true'")
     page.wait_for_function("/^[3-9] s ago$/.test(document.querySelector('.sinew-age').textContent)")
-    assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 4
+    assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 5
     assert "grayscale(1)" in page.evaluate("getComputedStyle(document.getElementById('sinew-scope')).filter")
 
 
@@ -437,7 +437,203 @@ def test_f9_stops_the_bench_of_its_own_page_only(opened: Open, stage: Stage, nam
         assert beside.steward.status(None)["emergency"] is None
 
 
+# What is predicted, what misses it, and what is alarming.
+
+
+ALARM = {"key": "tilt", "run": "one", "of": "head plate", "value": 9.5, "worst": 9.5, "limit": 9, "at": 1000}
+ALARM |= {"inRun": 1, "over": None, "isSeen": False}
+
+
+def after(page: Any, alarms: dict[str, Any], *tilts: float, limit: float | None = 9.0, run: str = "one") -> Any:
+    """Return (alarms, how many began) after some readings of the tilt, a second apart."""
+    return page.evaluate(
+        """async ([alarms, tilts, limit, run]) => {
+          const { judge } = await import("/sinew/alarms.js");
+          let raised = 0;
+          for (const [i, tilt] of tilts.entries()) {
+            const found = judge(alarms, { tilt: [tilt, "head plate"] }, { tilt: limit }, run, 1000 * (i + 1), i + 1);
+            alarms = found.alarms;
+            raised += found.raised.length;
+          }
+          return [alarms, raised];
+        }""",
+        [alarms, tilts, limit, run],
+    )
+
+
+def test_an_alarm_passes_through_its_states(opened: Open, stage: Stage) -> None:
+    page = opened(stage)
+    seen, passed = ALARM | {"isSeen": True}, ALARM | {"over": 1000}
+    assert after(page, {}, 9.0) == [{}, 0]
+    assert after(page, {}, 9.5) == [{"tilt": ALARM}, 1]
+    assert after(page, {"tilt": ALARM}, 11.0, 10.0) == [{"tilt": ALARM | {"worst": 11}}, 0]
+    assert after(page, {"tilt": ALARM}, 8.8) == [{"tilt": ALARM}, 0]  # not 3 % below
+    assert after(page, {"tilt": ALARM}, 8.7) == [{"tilt": passed}, 0]  # latched
+    assert after(page, {"tilt": passed}, 9.2) == [{"tilt": ALARM}, 0]
+    assert after(page, {"tilt": seen}, 9.2) == [{"tilt": seen}, 0]
+    assert after(page, {"tilt": seen}, 8.7) == [{}, 0]
+    assert after(page, {"tilt": seen}, 8.7, 9.5) == [{"tilt": ALARM | {"at": 2000, "inRun": 2}}, 1]
+    assert after(page, {"tilt": seen}, 9.5, run="two") == [{"tilt": ALARM | {"run": "two"}}, 1]
+    assert after(page, {}, 99.0, limit=None) == [{}, 0]
+
+
+def test_an_alarm_that_was_seen_lasts_no_longer_than_what_it_is_about(opened: Open, stage: Stage) -> None:
+    told = opened(stage).evaluate(
+        """async (alarm) => {
+          const { acknowledge, rest } = await import("/sinew/alarms.js");
+          const [lasting, passed] = [{ tilt: alarm }, { tilt: { ...alarm, over: 2000 } }];
+          const seen = acknowledge(lasting, "tilt");
+          return [seen.tilt.isSeen, acknowledge(passed, "tilt"), rest(seen), Object.keys(rest(passed))];
+        }""",
+        ALARM,
+    )
+    assert told == [True, {}, {}, ["tilt"]]
+
+
+def alarmed(opened: Open, stage: Stage, name: str, **how: Any) -> Any:
+    """Return a page on which the temperature alarms: 41 °C, and somebody set the limit to 40."""
+    page = opened(stage, **how)
+    assert page.input_value("#sinew-limit-temperature") == "63"  # nine tenths of what the rig allows
+    page.fill("#sinew-limit-temperature", "40")
+    page.keyboard.press("Tab")
+    stage.begin(name)
+    page.wait_for_selector("#sinew-notice-alarm-temperature")
+    return page
+
+
+def test_an_alarm_is_an_alert_with_a_sound_and_stays_until_it_is_acknowledged(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = alarmed(opened, stage, name)
+    notice = page.locator("#sinew-notice-alarm-temperature")
+    assert notice.get_attribute("role") == "alert"
+    said = notice.inner_text()
+    assert "Temperature of the drive: 41\u00a0°C" in said
+    assert "the limit is 40\u00a0°C" in said
+    assert f"into the run {name}" in said
+    page.wait_for_function("Number(document.body.dataset.beeps) >= 2")
+    assert page.title().startswith("◆ 1 · ")
+    assert "Alarm" in page.locator("#sinew-log li", has_text="Temperature").inner_text()
+    page.reload()
+    page.wait_for_selector("#sinew-acknowledge-temperature")
+    assert page.input_value("#sinew-limit-temperature") == "40"
+    page.click("#sinew-acknowledge-temperature")
+    page.wait_for_function("document.body.dataset.alarms === '0'")
+    assert notice.count() == 0
+    assert "seen" in page.inner_text("#sinew-alarm-state-temperature")
+    page.fill("#sinew-limit-temperature", "50")
+    page.keyboard.press("Tab")
+    page.wait_for_function("document.getElementById('sinew-alarm-state-temperature').textContent === 'quiet'")
+
+
+def test_an_alarm_that_nobody_saw_outlasts_its_run(opened: Open, stage: Stage, name: str) -> None:
+    page = alarmed(opened, stage, name)
+    stage.steward.tell("stop")
+    page.wait_for_selector("#sinew-notice-ended")
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    assert page.locator("#sinew-notice-alarm-temperature").count() == 1
+
+
+def test_a_muted_alarm_makes_no_sound(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    page.click("#sinew-sound")
+    assert page.get_attribute("#sinew-sound", "aria-pressed") == "false"
+    page.fill("#sinew-limit-temperature", "40")
+    page.keyboard.press("Tab")
+    stage.begin(name)
+    page.wait_for_selector("#sinew-notice-alarm-temperature")
+    page.wait_for_timeout(2500)
+    assert page.evaluate("document.body.dataset.beeps") is None
+
+
+def test_a_browser_notifies_once_it_was_asked_to(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    page.context.grant_permissions(["notifications"], origin=stage.base)
+    page.reload()
+    page.wait_for_function("document.getElementById('sinew-notify')?.textContent === 'Notifications are on'")
+    page.fill("#sinew-limit-temperature", "40")
+    page.keyboard.press("Tab")
+    stage.begin(name)
+    page.wait_for_function("document.body.dataset.notified === '1'")
+
+
+def test_what_happened_has_times_and_severity_and_is_filtered(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(name, played_run.DOUBTS)
+    watch(page)
+    page.wait_for_function("document.querySelectorAll('#sinew-log li').length === 3")
+    newest = page.locator("#sinew-log li").first
+    assert newest.locator(".sinew-severity").inner_text() == "▲ Warning"
+    assert "0.41" in newest.inner_text()
+    assert page.locator("#sinew-log time[datetime]").count() == 3
+    page.locator("#sinew-severity label", has_text="Warnings").click()
+    page.wait_for_function("document.querySelectorAll('#sinew-log li').length === 1")
+    stage.steward.tell("stop")
+    page.wait_for_selector("#sinew-log li.bad")
+    assert "■ Stop" in page.locator("#sinew-log li").first.inner_text()
+    assert page.locator("#sinew-log li").count() == 2
+
+
+def test_the_prediction_is_there_before_the_first_point_and_misses_are_told(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = opened(stage)
+    page.set_default_timeout(180_000)  # equations are compiled
+    stage.begin(name, played_run.PREPARES)
+    page.wait_for_function("document.getElementById('sinew-basis').textContent.includes('parameters of the rig')")
+    assert "Nothing is measured yet" in page.inner_text("#sinew-verdict")
+    stage.steward.tell("stop")
+    stage.until("over")
+    stage.begin(f"{name}-2", repeats=1)
+    page.wait_for_function("document.getElementById('sinew-misses').children.length >= 4")
+    assert "miss the prediction" in page.inner_text("#sinew-verdict")
+    assert page.locator("#sinew-verdict").get_attribute("role") == "status"
+    assert "of its uncertainty" in page.locator("#sinew-misses li").first.inner_text()
+    summary = page.locator(".nicegui-echart").first.get_attribute("aria-label")
+    assert "missed the prediction at" in summary
+    page.locator("details.sinew-table summary").first.click()
+    page.wait_for_selector("details.sinew-table td >> text=misses by")
+    assert findings(page) == []
+
+
 # Whoever reads by ear or with other colours.
+
+
+FOCUS = """() => {
+  const at = document.activeElement;
+  if (at === document.body || at.closest("[id^=q-portal]")) return null;
+  const shows = (element) => {
+    const style = getComputedStyle(element);
+    return (style.outlineStyle !== "none" && parseFloat(style.outlineWidth) > 0) || style.boxShadow.includes("0px 5px");
+  };
+  const around = [at.parentElement, at.parentElement?.parentElement, at.nextElementSibling];
+  const seen = [at, ...around, at.closest(".q-field__control")].filter(Boolean);
+  return [at.id || at.getAttribute("aria-label") || at.outerHTML.slice(0, 120), seen.some(shows)];
+}"""
+
+
+@pytest.mark.parametrize("path", ["/", "/plan", "/runs", "/design"])
+def test_whatever_has_the_focus_shows_it(opened: Open, stage: Stage, path: str) -> None:
+    page = opened(stage, path)
+    page.wait_for_timeout(3000)
+    seen: dict[str, bool] = {}
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        found = page.evaluate(FOCUS)
+        if found is not None:
+            seen[found[0]] = found[1]
+    assert len(seen) >= 8
+    assert [where for where, is_shown in seen.items() if not is_shown] == []
+
+
+def test_nothing_moves_by_itself_for_whoever_wants_it_still(opened: Open, stage: Stage) -> None:
+    page = opened(stage)
+    page.emulate_media(reduced_motion="reduce")
+    moving = page.evaluate("""() => [...document.querySelectorAll("*")].filter((element) => {
+      const style = getComputedStyle(element);
+      return style.animationName !== "none" || style.transitionDuration.split(",").some((text) => parseFloat(text) > 0);
+    }).length""")
+    assert moving == 0
 
 
 def stand(stage: Stage, page: Any, state: str, name: str) -> None:
@@ -445,6 +641,11 @@ def stand(stage: Stage, page: Any, state: str, name: str) -> None:
     if state == "preparing":
         stage.begin(name, played_run.PREPARES)
         page.wait_for_selector("#sinew-notice-begins")
+    elif state == "alarm":
+        page.fill("#sinew-limit-temperature", "40")
+        page.keyboard.press("Tab")
+        stage.begin(name)
+        page.wait_for_selector("#sinew-notice-alarm-temperature")
     elif state != "empty":
         stage.begin(name, played_run.DOUBTS, repeats=1 if state == "complete" else 20)
         watch(page)
@@ -461,7 +662,7 @@ def stand(stage: Stage, page: Any, state: str, name: str) -> None:
     page.wait_for_timeout(1200)
 
 
-STATES = ("empty", "preparing", "running", "paused", "ended early", "emergency", "complete")
+STATES = ("empty", "preparing", "running", "alarm", "paused", "ended early", "emergency", "complete")
 
 
 @pytest.mark.parametrize("state", STATES)

@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 from tests.patience import Patience
+from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
-from sinew.apps.dashboard.pages.curves import Curve, options_of
+from sinew.apps.dashboard.judgement import Verdict
+from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import quantity
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
@@ -25,28 +27,78 @@ def drawn(*curves: Curve, **more: Any) -> dict[str, Any]:
 
 def test_points_have_whiskers_where_they_have_an_interval() -> None:
     scatter, whiskers = drawn(POINTS)["series"]
-    assert scatter["data"] == [[1, 1.0], [2, 2.0]]
+    assert [point["value"] for point in scatter["data"]] == [[1, 1.0], [2, 2.0]]
     assert whiskers["data"] == [[1, 0.5, 1.5]]
 
 
 def test_an_unstable_stretch_is_dotted_and_joins_the_stable_one() -> None:
     curve = Curve("fold", [1, 2, 3, 4], [1, 2, 3, 4], is_line=True, is_stable=[True, True, False, True])
-    solid, dotted = drawn(curve)["series"]
+    solid, dotted = drawn(curve)["series"][:2]
     assert [y for _, y in solid["data"]] == [1, 2, None, 4]
     assert [y for _, y in dotted["data"]] == [None, 2, 3, 4]
-    assert dotted["lineStyle"]["type"] == "dotted"
+    assert dotted["lineStyle"]["type"] == [1, 4]
 
 
 def test_a_band_is_one_polygon_there_and_back() -> None:
     curve = Curve("band", [1, 2], [1, 2], [0, 1], [2, 3], is_line=True)
-    band = drawn(curve)["series"][0]
+    band = drawn(curve)["series"][-1]
     assert "[[1, 0], [2, 1], [2, 3], [1, 2]]" in band[":renderItem"]
 
 
 def test_one_pretension_has_one_colour_however_it_is_shown() -> None:
     curves = [Curve("p", [1], [1], is_line=True, number=3), Curve("m", [1], [1], [0], [2], number=3)]
-    colours = {series["itemStyle"]["color"] for series in drawn(*curves)["series"] if "itemStyle" in series}
+    styles = [series["itemStyle"] for series in drawn(*curves)["series"] if "itemStyle" in series]
+    colours = {style.get("borderColor", style["color"]) for style in styles}
     assert len(colours) == 1
+
+
+def test_no_two_of_forty_two_curves_have_the_same_dash_and_marker() -> None:
+    assert len({(str(dash), marker) for _, dash, marker in map(style_of, range(42))}) == 42
+
+
+def test_of_six_curves_dash_alone_and_marker_alone_tell() -> None:
+    _, dashes, markers = zip(*map(style_of, range(6)), strict=True)
+    assert (len(set(map(str, dashes))), len(set(markers))) == (6, 6)
+
+
+MISSED = Verdict(2.0, 1.8, 2.2, 0.5, 0.25, misses=True, sentence="+25 %, 2.0 of its uncertainty")
+HIT = Verdict(2.0, 1.8, 2.2, 0.1, 0.25, misses=False, sentence="+5 %, 0.4 of its uncertainty")
+AGAINST = Curve("6 mm, <measured>", [3, 4], [2.5, 2.1], [2.3, 2.0], [2.7, 2.2], number=1, verdicts=[MISSED, HIT])
+
+
+def test_a_point_that_misses_changes_colour_and_marker_and_its_whisker_stays() -> None:
+    scatter, whiskers = drawn(AGAINST)["series"]
+    missed, hit = scatter["data"]
+    assert missed["itemStyle"]["color"] not in (scatter["itemStyle"]["color"], whiskers["itemStyle"]["color"])
+    assert missed["symbol"] not in {style_of(i)[2] for i in range(7)}
+    assert "symbol" not in hit
+
+
+def test_the_tooltip_says_by_how_much_and_no_script_hides_in_it() -> None:
+    said = drawn(AGAINST)["series"][0]["data"][0]["said"]
+    assert "misses by +25 %, 2.0 of its uncertainty" in said
+    assert "&lt;measured&gt;" in said
+
+
+def test_a_chart_is_summarised_in_words() -> None:
+    assert summary_of("gain", [LINE, AGAINST], "frequency / Hz") == (
+        "gain over frequency / Hz. line: line from 1 to 3, largest 3 at 3. 6 mm, <measured>: 2 points from 3 to 4, "
+        "largest 2.5 at 3; missed the prediction at 3 by +25 %, 2.0 of its uncertainty."
+    )
+
+
+def test_the_table_holds_every_point_and_escapes_its_words() -> None:
+    table = table_of("gain", [AGAINST], "frequency / Hz")
+    assert table.count("<tr>") == 3
+    assert "<td>misses by +25 %, 2.0 of its uncertainty</td>" in table
+    assert "<measured>" not in table
+
+
+def test_a_long_line_has_few_rows_with_both_its_ends() -> None:
+    line = Curve("line", list(range(500)), [float(x) for x in range(500)], is_line=True)
+    table = table_of("gain", [line], "frequency / Hz")
+    assert table.count("<tr>") == 22
+    assert "<td>499</td>" in table
 
 
 def test_a_wanted_frequency_is_marked() -> None:
@@ -109,7 +161,7 @@ def results_with(work: Any) -> Results:
         return {}
 
     hub = Hub(Path("runs"), status)
-    hub.live = Live("run", 0.0, 1, {}, (), Ring(1, 10), dump_plan(load_plan("short")), "", 3)
+    hub.live = Live("run", 0.0, 1, {}, (), Ring(1, 10), dump_plan(load_plan("short")), RIG_TEXT, 3)
     return Results(hub, work, Path("runs"))
 
 
@@ -130,6 +182,45 @@ def test_curves_are_predicted_first_and_their_bands_after() -> None:
     assert [draws for name, draws in work.asked if name == "prediction_for_plan"] == [0, 40]
     assert "gain_low" in results.predicted[0]
     assert "Band" in results.remark
+
+
+def test_a_run_that_begins_is_foretold_before_it_has_a_journal(tmp_path: Path) -> None:
+    work = FakeWork()
+    results = results_with(work)
+    results.hub.live, results.runs = None, tmp_path
+    results.hub.steward = {"run": {"name": "next", "started": 1.0, "state": "preparing"}}
+    (tmp_path / "next").mkdir()
+    for name, text in (("plan", dump_plan(load_plan("short"))), ("rig", RIG_TEXT)):
+        (tmp_path / "next" / f"{name}.toml").write_text(text)
+    asyncio.run(followed(results, lambda: "Band" in results.remark))
+    assert results.predicted[0]["pretension_mm"] == 12.0
+    assert results.measured == []
+    assert "the rig" in results.basis
+
+
+def test_a_prediction_is_kept_when_its_run_gets_its_journal(tmp_path: Path) -> None:
+    work = FakeWork(can_have_bands=False)
+    results = results_with(work)
+    live, results.hub.live, results.runs = results.hub.live, None, tmp_path
+    assert live is not None
+    results.hub.steward = {"run": {"name": "run", "started": 0.0, "state": "preparing"}}
+    (tmp_path / "run").mkdir()
+    for name, text in (("plan", live.plan_toml), ("rig", live.rig_toml)):
+        (tmp_path / "run" / f"{name}.toml").write_text(text)
+
+    def goes_on() -> bool:
+        if results.predicted:
+            results.hub.live = live
+        return bool(results.measured)
+
+    asyncio.run(followed(results, goes_on))
+    assert [name for name, _ in work.asked].count("prediction_for_plan") == 1
+
+
+def test_measured_points_are_judged_once_there_is_a_prediction() -> None:
+    results = results_with(FakeWork())
+    asyncio.run(followed(results, lambda: results.measured and "Band" in results.remark))
+    assert results.measured[0]["gain_verdict"][0].low == 0.9
 
 
 def test_a_rig_without_intervals_has_no_band_and_the_page_says_why() -> None:

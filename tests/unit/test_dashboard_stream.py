@@ -3,6 +3,8 @@
 import asyncio
 import json
 import math
+import time as clock
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sinew.apps.dashboard.alarms import Readings, alarm_limits
 from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, state_of
 from sinew.apps.dashboard.work.samples import Channel, LiveChannels
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING, Sample
-from sinew.measure.events import Contact, Doubted, Health
+from sinew.measure.events import Contact, Doubted, Ended, Health
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
@@ -190,7 +193,7 @@ def test_events_segment_and_health_are_told(runs: Path) -> None:
         asyncio.run(hub.tick(0.04))
         said = json.loads(state_of(hub))["live"]
     assert (said["health"]["cycles"], said["health"]["temperature_c"]) == (7, {"drive": 31.0})
-    assert [tuple(event[1:]) for event in said["events"]] == [
+    assert [tuple(event[1:3]) for event in said["events"]] == [
         ("note", "first contact at 43 mA"), *2 * [("warning", "the lever went 3°")]
     ]  # fmt: skip
     assert said["doubts"] == ["the lever went 3°"]
@@ -261,3 +264,84 @@ def test_tensions_are_currents_in_newtons() -> None:
     traces = channels.take(rows_of([sample(0)]))
     expected = 0.1 * rig.tendons.torque_constant.value / rig.tendons.pulley_radius.value
     assert channels.tensions(traces) == pytest.approx([expected] * 4)
+
+
+# What alarms are about.
+
+
+def test_a_peak_is_told_for_a_second_and_then_is_over() -> None:
+    tendons = load_rig("paper").tendons
+
+    def traces(first: list[float], tilt: list[float]) -> dict[str, Any]:
+        rest = {f"tendon_{i + 1}_current": np.full(len(first), 0.1) for i in range(1, tendons.count)}
+        return {"tendon_1_current": np.array(first), **rest, "tilt": np.array(tilt)}
+
+    readings = Readings(tendons)
+    readings.take(10.0, traces([0.05, 0.9, np.nan], [0.1, -8.0, np.nan]))
+    readings.take(10.5, traces([0.05], [0.2]))
+    peak, low = (round(float(tendons.tension(current)), 1) for current in (0.9, 0.1))
+    assert readings.document() == {"tension": (peak, "tendon 1"), "tilt": (8.0, "head plate")}
+    readings.take(11.2, traces([0.05], [0.2]))
+    assert readings.document() == {"tension": (low, "tendon 2"), "tilt": (0.2, "head plate")}
+
+
+def test_the_tilt_of_a_bent_head_is_counted_from_its_pose() -> None:
+    tendons = load_rig("paper").tendons
+    readings = Readings(tendons)
+    currents = {f"tendon_{i + 1}_current": np.array([0.1]) for i in range(tendons.count)}
+    readings.take(
+        0.0, {**currents, "tilt": np.array([30.0]), "in_plane": np.array([3.0]), "out_of_plane": np.array([-4.0])}
+    )
+    assert readings.document()["tilt"] == (5.0, "head plate")
+
+
+def test_the_hottest_motor_and_the_cycles_missed_within_a_minute_are_read() -> None:
+    readings = Readings()
+    for now, missed in ((0.0, 2), (30.0, 3), (61.0, 9), (95.0, 9)):
+        readings.take_health(now, replace(HEALTH, missed=missed, temperature_c={"drive": 31.0, "tendon 2": 44.0}))
+        if now == 61.0:
+            assert readings.document() == {"temperature": (44.0, "tendon 2"), "missed": (6.0, "within a minute")}
+    assert readings.document()["missed"] == (0.0, "within a minute")
+
+
+def test_a_run_that_begins_anew_counts_its_missed_cycles_anew() -> None:
+    readings = Readings()
+    for now, missed in ((0.0, 40), (1.0, 0), (2.0, 3)):
+        readings.take_health(now, replace(HEALTH, missed=missed))
+    assert readings.document()["missed"][0] == 3.0
+
+
+def test_nothing_that_was_there_before_is_alarming(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        journal.append(sample(0))
+        journal.flush()
+        hub = hub_at(runs)
+        asyncio.run(hub.tick(0.04))
+        assert hub.live is not None
+        assert hub.live.readings.document() == {}
+        journal.append(sample(1))
+        journal.flush()
+        asyncio.run(hub.tick(0.04))
+        assert set(hub.live.readings.document()) == {"tension", "tilt"}
+
+
+def test_alarms_begin_at_nine_tenths_of_what_the_rig_allows() -> None:
+    rig = load_rig("paper")
+    limits = alarm_limits(rig)
+    assert limits["tension"] == {"limit": 0.9 * rig.limits.tension_n, "rig": rig.limits.tension_n}
+    assert limits["missed"]["rig"] is None
+
+
+def test_events_are_told_once_with_their_times_and_what_ended_a_run_early_as_a_stop(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        journal.append(sample(0))
+        journal.event(Ended("the tension is beyond its limit; the tension is let down"))
+        journal.flush()
+        hub = hub_at(runs)
+        asyncio.run(hub.tick(0.04))
+        view = View()
+        first, second = (json.loads(state_of(hub, view))["live"]["events"] for _ in range(2))
+    [(_, severity, _, at, in_run)] = first
+    assert (severity, second) == ("stop", None)
+    assert abs(at - clock.time()) < 60.0
+    assert 0.0 <= in_run < 60.0

@@ -13,14 +13,17 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from time import monotonic
 from time import time as wall_clock
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.alarms import Readings
+from sinew.apps.dashboard.judgement import judged
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.work.samples import (
     GAP_S,
@@ -37,7 +40,9 @@ from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
-from sinew.measure.events import Contact, Doubted, Event, Health, Severity
+from sinew.measure.events import Contact, Doubted, Ended, Event, Frozen, Health, Severity
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
 
@@ -76,10 +81,10 @@ _MOST_ROWS = 4000
 
 @dataclass(frozen=True)
 class News:
-    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with
-    their numbers; the segment that was begun last, or None; how many groups are finished; what the clock of the newest
-    rows showed when the time of the run was 0 [s]; where the tendon motors stood at first contact [rad], where that is
-    among the events."""
+    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
+    numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
+    groups are finished; what the clock of the newest rows showed when the time of the run was 0 [s]; where the tendon
+    motors stood at first contact [rad], where that is among the events."""
 
     rows: dict[str, Array]
     events: list[tuple[int, Event]]
@@ -87,6 +92,7 @@ class News:
     groups_done: int
     zero_s: float = math.nan
     contact: Array | None = None
+    times: dict[int, tuple[float, float]] = field(default_factory=dict)
 
 
 class JournalTail:
@@ -113,7 +119,7 @@ class JournalTail:
         end = min(reader.last_sample(), self._last + _MOST_ROWS)
         rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
         self._last = max(self._last, end)
-        events = reader.events(self._event)
+        events, times = reader.events(self._event), reader.event_times(self._event)
         if events:
             self._event = events[-1][0]
         touched = any(isinstance(event, Contact) for _, event in events)
@@ -121,7 +127,7 @@ class JournalTail:
         if rows and (session := reader.session(self._last)) != self._session:
             newest = journal_spans(reader)[-1]
             self._session, self._zero_s = session, newest.clock_s - newest.begin_s
-        return News(rows, events, reader.newest_stretch(), reader.count_finished(), self._zero_s, contact)
+        return News(rows, events, reader.newest_stretch(), reader.count_finished(), self._zero_s, contact, times)
 
     def close(self) -> None:
         """Give the file back."""
@@ -134,10 +140,15 @@ FRAME_S = 1 / 30
 _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz
 _PLAY_S = 0.12  # a journal gets its rows ten times a second; they are played out evenly
-_MOST_EVENTS = 50
+_MOST_EVENTS = 200
 _MOST_DOUBTS = 8
 
 Status = dict[str, Any]
+
+
+Told = tuple[int, Severity | Literal["stop"], str, float | None, float | None]
+"""An event as a page gets it: number, severity ("stop" of what ended a run early), sentence, when [s since 1970], and
+how long after the run, or its resumption, began [s]."""
 
 
 @dataclass
@@ -147,9 +158,9 @@ class Live:
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
     another run is followed. ring: row 0 is the time of the run [s], 0 at its first sample, the others the channels.
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
-    run told of itself last. events: the newest, (number, severity, sentence). doubts: what the run doubts of itself.
-    source: what was measured where that is no real bench, else None. seen: when the newest sample came [s since 1970];
-    None where that is not known, which is as long as all came from before.
+    run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run
+    doubts of itself. source: what was measured where that is no real bench, else None. seen: when the newest sample
+    came [s since 1970]; None where that is not known, which is as long as all came from before.
     """
 
     name: str
@@ -164,7 +175,8 @@ class Live:
     played: int = 0
     latest: dict[str, Any] = field(default_factory=dict)
     health: dict[str, Any] = field(default_factory=dict)
-    events: deque[tuple[int, Severity, str]] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    events: deque[Told] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    readings: Readings = field(default_factory=Readings)
     doubts: list[str] = field(default_factory=list)
     source: str | None = None
     seen: float | None = None
@@ -263,6 +275,7 @@ class Hub:
         texts = tail.plan_toml, tail.rig_toml
         self.live = Live(run["name"], started, self._epoch, drawn, channels, ring, *texts, groups)
         self.live.source, self.live.seen = tail.source, run.get("ended")
+        self.live.readings = Readings(rig.tendons)
 
     def _take(self, live: Live, news: News) -> None:
         assert self._channels is not None
@@ -273,10 +286,13 @@ class Hub:
         for number, event in news.events:
             if isinstance(event, Health):
                 live.health = asdict(event)
+                live.readings.take_health(monotonic(), event)
             elif event.severity != "state":
                 if isinstance(event, Doubted) and event.sentence not in live.doubts:
                     live.doubts = [*live.doubts, event.sentence][-_MOST_DOUBTS:]
-                live.events.append((number, event.severity, str(event)))
+                is_stop = isinstance(event, Frozen) or (isinstance(event, Ended) and news.groups_done < live.groups)
+                times = news.times.get(number, (None, None))
+                live.events.append((number, "stop" if is_stop else event.severity, str(event), *times))
         live.groups_done = news.groups_done
         if news.segment is not None:
             asked = news.segment.asked
@@ -306,6 +322,8 @@ class Hub:
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
+            fresh = traces[:, rows["id"] > self._tail.found]
+            live.readings.take(monotonic(), dict(zip((one.key for one in live.channels), fresh, strict=True)))
 
 
 # A run's curve grows: each recorded group analysed, beside what was predicted for the plan.
@@ -323,13 +341,14 @@ _NO_BAND = (
 
 @dataclass
 class Results:
-    """What is known of the run that the hub follows.
+    """What is known of the run that the hub follows, or of one that begins.
 
     predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
     certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
-    `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}. damping: of ring-downs.
+    `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}, each point with its verdict
+    (see `sinew.apps.dashboard.judgement.judged`). damping: of ring-downs. basis: what the prediction rests on.
     remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
-    something is missing. version: rises with every change.
+    something is missing. is_predicting: whether a prediction was ever asked for. version: rises with every change.
     """
 
     hub: Hub
@@ -338,42 +357,69 @@ class Results:
     predicted: list[dict[str, Any]] = field(default_factory=list)
     measured: list[dict[str, Any]] = field(default_factory=list)
     damping: list[dict[str, Any]] = field(default_factory=list)
+    basis: str = ""
     remark: str = ""
     notes: list[str] = field(default_factory=list)
+    is_predicting: bool = False
     version: int = 0
     trouble: str = ""
 
     async def run(self) -> None:
         """Follow the hub until cancelled."""
         epoch, done = 0, -1
+        foretold: tuple[Plan, RigSpec] | None = None
+        looked: tuple[str, float] | None = None
         predicting: asyncio.Task[None] | None = None
         while True:
-            live = self.hub.live
+            live, begins = self.hub.live, self._begins()
+            run = begins or live
+            if run is not None and (run.name, run.started) != looked:
+                looked = (run.name, run.started)
+                asked = parse_plan(run.plan_toml), parse_rig(run.rig_toml)
+                self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
+                if asked != foretold:
+                    foretold = asked
+                    self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
+                    if predicting is not None:
+                        predicting.cancel()
+                    predicting = asyncio.create_task(self._predict(run.plan_toml, run.rig_toml))
+                self.version += 1
             if live is not None and live.epoch != epoch:
                 epoch, done = live.epoch, -1
-                self.predicted, self.measured, self.damping, self.remark = [], [], [], ""
-                self.notes, self.trouble = [], ""
-                self.version += 1
-                if predicting is not None:
-                    predicting.cancel()
-                predicting = asyncio.create_task(self._predict(live))
-            if live is not None and live.groups_done != done:
+            if live is not None and begins is None and live.groups_done != done:
                 done = live.groups_done if await self._measure(live) else -1
             await asyncio.sleep(_LOOK_S)
 
-    async def _predict(self, live: Live) -> None:
+    def _begins(self) -> "_Begun | None":
+        """Return the run that is under way and has no journal yet; None where the hub has it, or its plan cannot be
+        read."""
+        run = (self.hub.steward or {}).get("run")
+        live = self.hub.live
+        if run is None or (live is not None and live.name == run["name"]):
+            return None
+        try:
+            folder = unlinked(self.runs / run["name"])
+            texts = [(folder / f"{name}.toml").read_text(encoding="utf-8") for name in ("plan", "rig")]
+            parse_plan(texts[0]), parse_rig(texts[1])
+        except (OSError, ValueError, SinewError):
+            return None
+        return _Begun(run["name"], float(run.get("started") or 0.0), *texts)
+
+    async def _predict(self, plan_toml: str, rig_toml: str) -> None:
         """Predict the curves first, then their bands, which take longer."""
         for draws in (0, _DRAWS):
             try:
-                found = await self.work.call("prediction_for_plan", live.plan_toml, live.rig_toml, draws)
+                found = await self.work.call("prediction_for_plan", plan_toml, rig_toml, draws)
             except SinewError as trouble:
                 self._complain(f"There is no prediction: {trouble}")
                 return
-            self.predicted = numbered(found["curves"], live)
+            self.predicted = numbered(found["curves"], plan_toml)
+            self.measured = judged(self.predicted, self.measured)
             can_have = found["can_have_bands"]
             if not self.predicted:
                 self.remark = " ".join((_POINTS, *found["remarks"]))
             else:
+                self.basis = basis_of(parse_rig(rig_toml))
                 self.remark = _BAND if "gain_low" in self.predicted[0] else _COMING if can_have else _NO_BAND
             self.version += 1
             if not can_have:
@@ -388,8 +434,8 @@ class Results:
             except SinewError as trouble:
                 self._complain(f"What was measured cannot be analysed: {trouble}")
                 return False
-            self.measured, self.damping = numbered(found["curves"], live), found["damping"]
-            self.notes, pending = found["notes"], found["pending"]
+            self.measured = judged(self.predicted, numbered(found["curves"], live.plan_toml))
+            self.damping, self.notes, pending = found["damping"], found["notes"], found["pending"]
             self.version += 1
         return True
 
@@ -399,9 +445,30 @@ class Results:
             self.version += 1
 
 
-def numbered(curves: list[dict[str, Any]], live: Live) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class _Begun:
+    """A run that has no journal yet: name, start [s since 1970] and texts of its plan and rig."""
+
+    name: str
+    started: float
+    plan_toml: str
+    rig_toml: str
+
+
+def basis_of(rig: RigSpec) -> str:
+    """Return in a sentence what a prediction of a rig rests on."""
+    known = rig.calibration
+    how = "as its file states them; no recording was fitted"
+    if known is not None:
+        count, at = len(known.recordings), ", ".join(f"{mm:g}" for mm in known.pretension_mm)
+        what = f"{count} recording{'s' * (count != 1)}" if count else "recordings"
+        how = f"calibrated on {what}" + (f" at {at} mm" if at else "")
+    return f"Predicted from the equations with the parameters of the rig {rig.name}, {how}."
+
+
+def numbered(curves: list[dict[str, Any]], plan_toml: str) -> list[dict[str, Any]]:
     """Return curves with the number of their colour, the place of their pretension in the plan."""
-    order = list(parse_plan(live.plan_toml).pretension.pretension_mm)
+    order = list(parse_plan(plan_toml).pretension.pretension_mm)
     return [{**curve, "number": order.index(curve["pretension_mm"])} for curve in curves]
 
 
@@ -421,12 +488,13 @@ _PIXELS = (50, 4000)
 @dataclass
 class View:
     """How a viewer looks: base_s, width of its oscilloscope [s], in so many columns of pixels; sent: number of the next
-    sample that it has not seen, of a run's epoch."""
+    sample that it has not seen, of a run's epoch. told: run and number of the newest event that it was told."""
 
     base_s: float = 5.0
     pixels: int = 600
     epoch: int = 0
     sent: int = 0
+    told: tuple[str, float, int] | None = None
 
     def change(self, message: str) -> None:
         """Take what the viewer says: {"base_s": number, "pixels": number}. Raises ValueError where it is not that."""
@@ -479,18 +547,26 @@ def frame_of(live: Live, view: View) -> bytes | None:
     return dumped(frame)
 
 
-def state_of(hub: Hub) -> bytes:
-    """Return what is going on, as JSON: {"kind": "state", "steward": its status, "live": state of the run}."""
+def state_of(hub: Hub, view: View | None = None) -> bytes:
+    """Return what is going on, as JSON: {"kind": "state", "steward": its status, "live": state of the run}.
+
+    Its `events` are null where a viewer was told all of them.
+    """
     live = hub.live
     said: dict[str, Any] = {"kind": "state", "steward": hub.steward, "live": None, "trouble": hub.trouble}
     if live is not None:
+        newest = (live.name, live.started, live.events[-1][0] if live.events else 0)
+        is_old = view is not None and view.told == newest
+        if view is not None:
+            view.told = newest
         said["live"] = {
             "name": live.name,
             "groups": live.groups,
             "groups_done": live.groups_done,
             "segment": live.segment,
             "health": live.health,
-            "events": list(live.events)[-12:],
+            "events": None if is_old else list(live.events),
+            "readings": live.readings.document(),
             "doubts": live.doubts,
             "source": live.source,
             "age_s": None if live.seen is None else max(0.0, wall_clock() - live.seen),
@@ -521,7 +597,7 @@ async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Ta
             await asyncio.wait_for(socket.send_text(frame.decode()), _SEND_S)
         if loop.time() - told >= _STATE_S:
             told = loop.time()
-            await asyncio.wait_for(socket.send_text(state_of(hub).decode()), _SEND_S)
+            await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
         due = max(due + FRAME_S, loop.time())
         await asyncio.sleep(due - loop.time())
 

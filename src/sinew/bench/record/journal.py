@@ -611,6 +611,16 @@ class JournalReader:
         rows = self._connection.execute("SELECT id, kind, sentence FROM events WHERE id > ? ORDER BY id", (after,))
         return [(number, read_event(kind, text)) for number, kind, text in rows]
 
+    def event_times(self, after: int = 0) -> dict[int, tuple[float, float]]:
+        """Return by number when every event after a number was: [s since 1970], and [s] since its session began."""
+        rows = self._connection.execute(
+            "SELECT events.id, events.date, sessions.date FROM events JOIN sessions ON sessions.id = events.session "
+            "WHERE events.id > ?",
+            (after,),
+        )
+        dates = ((number, *map(datetime.fromisoformat, texts)) for number, *texts in rows)
+        return {number: (when.timestamp(), (when - began).total_seconds()) for number, when, began in dates}
+
     def tendons_at_contact(self) -> Array | None:
         """Return the angles of the tendon motors [rad] where first contact was found last, (tendon,); else None."""
         found = self._connection.execute(

@@ -1,19 +1,39 @@
 """Curves in a page: predicted with band and stability, measured with intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import Any
 
 from nicegui import ui
 
+from sinew.apps.dashboard.judgement import Verdict
+from sinew.measure.estimate import interval, number, span, typeset
+
+# Curves are told apart by three things, and by any one of two of them: colour, and dash with marker. Numbers of dashes
+# and markers have no common divisor, so no pair of them comes twice among 42.
 _COLOURS = tuple(f"var(--series-{i + 1})" for i in range(6))
-_SYMBOLS = ("circle", "rect", "triangle", "diamond", "roundRect", "pin")
+_DASHES: tuple[str | list[int], ...] = ("solid", [9, 4], [3, 3], [12, 4, 3, 4], [16, 4], [8, 3, 2, 3, 2, 3])
+_SYMBOLS = (  # outlines keep their shape in a legend, where names of shapes are stretched
+    "circle",
+    "path://M0,0L9,0L9,9L0,9Z",  # a square
+    "path://M5,0L10,9L0,9Z",  # a triangle
+    "path://M5,0L10,5L5,10L0,5Z",  # a diamond
+    "path://M0,0L10,0L5,9Z",  # a triangle on its tip
+    "path://M3.5,0L6.5,0L6.5,3.5L10,3.5L10,6.5L6.5,6.5L6.5,10L3.5,10L3.5,6.5L0,6.5L0,3.5L3.5,3.5Z",  # a plus
+    "path://M5,0L6.2,3.4L9.8,3.5L6.9,5.7L8,9.1L5,7.1L2,9.1L3.1,5.7L0.2,3.5L3.8,3.4Z",  # a star
+)
+_UNSTABLE: str | list[int] = [1, 4]
+_MISS = "path://M0,2L2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5Z"  # a cross, which marks no curve
+_MARKERS_ON_LINE = 4
+_ROWS_OF_LINE = 21
 _AXES = {
     "amplitude_drive": "lever amplitude / °",
     "gain": "gain",
     "phase": "phase lag / °",
     "damping": "Lehr's damping D",
 }
+_UNITS = {"amplitude_drive": "°", "gain": "", "phase": "°", "damping": ""}
 # A whisker from the lower to the upper end of an interval, with caps.
 _WHISKER = """(params, api) => {
   const x = api.value(0), low = api.coord([x, api.value(1)]), high = api.coord([x, api.value(2)]), w = 4;
@@ -30,7 +50,8 @@ class Curve:
 
     name: as the legend has it. x, y: of its points; None leaves a gap. low, high: ends of the intervals or of the band,
     or empty. is_line: a line, else points with whiskers. is_stable: by point, or empty where all are; unstable
-    stretches are dotted. number: which colour; None: by place.
+    stretches are dotted. number: which colour, dash and marker; None: by place. verdicts: what a prediction says of
+    each point, or empty; one that misses it is a red cross.
     """
 
     name: str
@@ -41,17 +62,33 @@ class Curve:
     is_line: bool = False
     is_stable: Sequence[bool] = ()
     number: int | None = None
+    verdicts: Sequence[Verdict | None] = ()
 
     @classmethod
-    def of_estimates(cls, name: str, x: Sequence[float], y: Sequence[dict[str, Any]], number: int | None) -> "Curve":
+    def of_estimates(
+        cls,
+        name: str,
+        x: Sequence[float],
+        y: Sequence[dict[str, Any]],
+        number: int | None,
+        verdicts: Sequence[Verdict | None] = (),
+    ) -> "Curve":
         """Return a row of points with the 90 % intervals of estimates as JSON holds them."""
         low, high = zip(*(one["interval90"] for one in y), strict=True) if y else ((), ())
-        return cls(name, x, [one["value"] for one in y], low, high, number=number)
+        return cls(name, x, [one["value"] for one in y], low, high, number=number, verdicts=verdicts)
+
+    @property
+    def misses(self) -> list[int]:
+        """Which points miss their prediction."""
+        return [i for i, verdict in enumerate(self.verdicts) if verdict is not None and verdict.misses]
 
 
 @dataclass
 class Curves:
-    """A chart in a page. what: gain, phase or damping. marked_hz: a frequency to mark, or None."""
+    """A chart in a page, with its summary in words and, where somebody opens it, its numbers as a table.
+
+    what: gain, phase, damping or amplitude_drive. marked_hz: a frequency to mark, or None.
+    """
 
     what: str
     x_name: str = "frequency / Hz"
@@ -59,8 +96,14 @@ class Curves:
     marks: list[tuple[float, float, str]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self._curves: Sequence[Curve] = ()
         self._chart = ui.echart(options_of(self.what, [], self.x_name), renderer="svg")
-        self._chart.props(f'role=img aria-label="{_AXES[self.what]} over {self.x_name}"')
+        with ui.element("details").classes("sinew-table") as details:
+            with ui.element("summary"):
+                ui.label(f"{_AXES[self.what].partition(' / ')[0].capitalize()} as a table")
+            self._table = ui.html(sanitize=False)
+        self._is_open = False
+        details.on("toggle", self._toggled, js_handler="(event) => emit(event.target.open)")
 
     @property
     def element(self) -> ui.echart:
@@ -69,9 +112,19 @@ class Curves:
 
     def draw(self, curves: Sequence[Curve]) -> None:
         """Show these curves instead of those before."""
+        self._curves = curves
         self._chart.options.clear()
         self._chart.options.update(options_of(self.what, curves, self.x_name, self.marked_hz, self.marks))
         self._chart.update()
+        self._fill()
+
+    def _toggled(self, event: Any) -> None:
+        self._is_open = bool(event.args)
+        self._fill()
+
+    def _fill(self) -> None:
+        if self._is_open:
+            self._table.set_content(table_of(self.what, self._curves, self.x_name))
 
     def show(self, predicted: Sequence[dict[str, Any]], measured: Sequence[dict[str, Any]]) -> None:
         """Show predictions and measurements, as `sinew.apps.dashboard.hub.Results` has them."""
@@ -86,7 +139,8 @@ class Curves:
 
     def _measured(self, one: dict[str, Any]) -> Curve:
         name = one.get("name") or f"{one['pretension_mm']:g} mm, measured"
-        return Curve.of_estimates(name, one["frequency_hz"], one[self.what], one.get("number"))
+        verdicts = one.get(f"{self.what}_verdict") or ()
+        return Curve.of_estimates(name, one["frequency_hz"], one[self.what], one.get("number"), verdicts)
 
 
 def options_of(
@@ -136,18 +190,24 @@ def options_of(
     return {
         "graphic": [] if curves else [nothing],
         "animation": False,
-        "aria": {"enabled": True},
+        "aria": {"enabled": True, "label": {"description": summary_of(what, curves, x_name)}},
         "color": list(_COLOURS),
         "textStyle": {"fontFamily": "system-ui, sans-serif"},
         "grid": {"left": 58, "right": 16, "top": 16, "bottom": 70 if curves else 46},
         "legend": {
             "bottom": 0,
             "type": "scroll",
+            "itemWidth": 38,
             "textStyle": {"color": "var(--ink)"},
             "pageTextStyle": {"color": "var(--ink)"},
             "data": [curve.name for curve in curves],
         },
-        "tooltip": {"trigger": "item", "confine": True},
+        "tooltip": {
+            "trigger": "item",
+            "confine": True,
+            "backgroundColor": "var(--card)",
+            "textStyle": {"color": "var(--ink)"},
+        },
         "xAxis": {**axis, **_ends(curves), "name": x_name, "nameGap": 26},
         "yAxis": {**axis, "name": _AXES[what], "nameGap": 42},
         "series": series,
@@ -164,39 +224,124 @@ def _ends(curves: Sequence[Curve]) -> dict[str, Any]:
     return {":min": f"v => v.min - {margin}", ":max": f"v => v.max + {margin}", "axisLabel": hidden}
 
 
+def style_of(number: int) -> tuple[str, str | list[int], str]:
+    """Return (colour, dash, marker) of a curve; no two of 42 have the same dash and marker."""
+    return (
+        _COLOURS[number % len(_COLOURS)],
+        _DASHES[number % len(_DASHES)],
+        _SYMBOLS[number % len(_SYMBOLS)],
+    )
+
+
 def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
-    colour = _COLOURS[number % len(_COLOURS)]
+    colour, dash, symbol = style_of(number)
     points = [[x, y] for x, y in zip(curve.x, curve.y, strict=True)]
+    style = {"color": colour}
     if not curve.is_line:
         whiskers = [
             [x, low, high]
             for x, low, high in zip(curve.x, curve.low, curve.high, strict=True)
             if None not in (low, high)
         ]
-        style = {"color": colour}
-        symbol = _SYMBOLS[number % len(_SYMBOLS)]
         bars = {"type": "custom", ":renderItem": _WHISKER, "data": whiskers, "encode": {"x": 0, "y": [1, 2]}, "z": 3}
+        scatter = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "itemStyle": style, "z": 4}
+        missed: dict[str, Any] = {"symbol": _MISS, "symbolSize": 13}
+        missed["itemStyle"] = {"color": "var(--bad)", "borderColor": colour, "borderWidth": 1.5}
+        data = [
+            {"value": point, "said": _said(curve, i), **(missed if i in curve.misses else {})}
+            for i, point in enumerate(points)
+        ]
+        tooltip = {":formatter": "p => p.data.said"}
         return [
-            {
-                "type": "scatter",
-                "name": curve.name,
-                "data": points,
-                "symbol": symbol,
-                "symbolSize": 7,
-                "itemStyle": style,
-            },
+            {**scatter, "data": data, "tooltip": tooltip},
             {**bars, "name": curve.name, "itemStyle": style, "silent": True, "clip": True},
         ]
-    line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": {"color": colour}, "silent": True}
+    hollow = {
+        "color": "var(--card)",
+        "borderColor": colour,
+        "borderWidth": 2,
+    }  # so that none is taken for a measurement
+    line = {"type": "line", "name": curve.name, "showSymbol": False, "symbol": symbol, "itemStyle": hollow}
+    line["silent"] = True
     made: list[dict[str, Any]] = []
-    if curve.low:
-        made += _band(curve, colour)
     stable = curve.is_stable or [True] * len(points)
-    for wanted, dash in ((True, "solid"), (False, "dotted")):
+    for wanted, pattern in ((True, dash), (False, _UNSTABLE)):
         if wanted or not all(stable):
             shown = [[x, y if _belongs(stable, i, wanted) else None] for i, (x, y) in enumerate(points)]
-            made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": dash}, "z": 2})
+            made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": pattern}, "z": 2})
+    places = [round((i + 0.5) * len(points) / _MARKERS_ON_LINE) for i in range(_MARKERS_ON_LINE)]
+    places = [place for place in places if 0 < place < len(points) and points[place][1] is not None]
+    if places:
+        spots = [points[place] for place in places]
+        marker = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "data": spots}
+        made.append({**marker, "itemStyle": hollow, "silent": True, "z": 2})
+    if curve.low:
+        made += _band(curve, colour)
     return made
+
+
+def _said(curve: Curve, i: int) -> str:
+    """Return what the tooltip of a point says, as HTML."""
+    x, verdict = curve.x[i], curve.verdicts[i] if curve.verdicts else None
+    low, high = (curve.low[i], curve.high[i]) if curve.low else (None, None)
+    lines = [escape(curve.name), typeset(f"at {x:g}: {interval(curve.y[i], low, high)}")]
+    if verdict is not None:
+        hoped = number(verdict.predicted, 3) + ("" if verdict.low is None else f" ({span(verdict.low, verdict.high)})")
+        lines.append(typeset(f"predicted {hoped}"))
+        lines.append(f"<b>misses by {verdict.sentence}</b>" if verdict.misses else f"within: {verdict.sentence}")
+    return "<br>".join(lines)
+
+
+# The same in words and as a table, for whoever does not see the chart, or wants its numbers.
+
+
+def summary_of(what: str, curves: Sequence[Curve], x_name: str) -> str:
+    """Return what a chart shows, in words: of every curve where it goes and its largest value, and what misses."""
+    title = f"{_AXES[what]} over {x_name}"
+    return typeset(". ".join([title, *map(_summarised, curves)])) + "." if curves else f"{title}: nothing to show yet."
+
+
+def _summarised(curve: Curve) -> str:
+    known = [(y, x) for x, y in zip(curve.x, curve.y, strict=True) if y is not None]
+    if not known:
+        return f"{curve.name}: nothing known"
+    most, at = max(known)
+    form = "line" if curve.is_line else f"{len(known)} point{'s' * (len(known) != 1)}"
+    low, high = min(x for _, x in known), max(x for _, x in known)
+    where = f"from {number(low, 3)} to {number(high, 3)}, largest {number(most, 3)} at {number(at, 3)}"
+    missed = [f"{curve.x[i]:g} by {curve.verdicts[i].sentence}" for i in curve.misses]  # type: ignore[union-attr]
+    return f"{curve.name}: {form} {where}" + (f"; missed the prediction at {'; at '.join(missed)}" if missed else "")
+
+
+def table_of(what: str, curves: Sequence[Curve], x_name: str) -> str:
+    """Return curves as the HTML of a table: all points, and some places of every line."""
+    heads = ("curve", x_name, _AXES[what], "90 %", "against the prediction")
+    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
+    rows = "".join(
+        f'<tr><th scope="row">{escape(cells[0])}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells[1:])}</tr>'
+        for curve in curves
+        for cells in _rows(what, curve)
+    )
+    return (
+        f'<div class="sinew-scrolls" tabindex="0" role="region" aria-label="{escape(_AXES[what])} as a table">'
+        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _rows(what: str, curve: Curve) -> Iterator[tuple[str, ...]]:
+    count = len(curve.x)
+    places = range(count)
+    if curve.is_line and count > _ROWS_OF_LINE:
+        places = [round(i * (count - 1) / (_ROWS_OF_LINE - 1)) for i in range(_ROWS_OF_LINE)]  # type: ignore[assignment]
+    unit = _UNITS[what]
+    for i in places:
+        low, high = (curve.low[i], curve.high[i]) if curve.low else (None, None)
+        verdict = curve.verdicts[i] if curve.verdicts else None
+        said = "" if verdict is None else f"misses by {verdict.sentence}" if verdict.misses else "within"
+        if curve.is_stable and not curve.is_stable[i]:
+            said = "unstable"
+        value = interval(curve.y[i], low, high, unit).partition(" (")[0]
+        yield curve.name, number(curve.x[i]), typeset(value), typeset(span(low, high, unit)), said
 
 
 def _belongs(stable: Sequence[bool], i: int, wanted: bool) -> bool:

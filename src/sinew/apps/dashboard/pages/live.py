@@ -4,8 +4,10 @@ from typing import Any
 
 from nicegui import ui
 
+from sinew.apps.dashboard.hub import Results
+from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, live_card, quantity, script
+from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
 from sinew.apps.dashboard.pages.samples import lay_out_scope
 from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.plan.toml import load_rig
@@ -32,6 +34,8 @@ def add_live_page(site: Site) -> None:
                 _numbers_card()
                 _curves(site)
                 _bench_card()
+                _alarms_card()
+                _happened_card()
         script("sinew-live", {"scene": scene, "rig": drawn_rig(rig)})
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
 
@@ -80,7 +84,7 @@ def _numbers_card() -> None:
 
 
 def _bench_card() -> None:
-    with live_card("Bench", 6):
+    with live_card("Bench", 4):
         rows = (
             ("Tension of the tendons", "tension"),
             ("Tilt of the head plate", "tilt"),
@@ -91,21 +95,81 @@ def _bench_card() -> None:
             ("Bus", "bus"),
         )
         _numbers(rows)
-    with card("What happened", 6):
+
+
+_READINGS = (
+    ("temperature", "Temperature", "°C"),
+    ("tension", "Tension", "N"),
+    ("tilt", "Tilt from the pose", "°"),
+    ("missed", "Missed cycles a minute", ""),
+)
+
+
+def _alarms_card() -> None:
+    """Lay out what alarms are about, with their limits, which a viewer may change; see `static/alarms.js`."""
+    rows = "".join(
+        f'<tr id="sinew-alarm-{key}"><th scope="row"><label for="sinew-limit-{key}">{label}</label></th>'
+        f'<td id="sinew-reading-{key}">–</td>'
+        f'<td><input type="number" min="0" step="any" inputmode="decimal" id="sinew-limit-{key}"> {unit}</td>'
+        f'<td id="sinew-most-{key}">–</td><td id="sinew-alarm-state-{key}">quiet</td></tr>'
+        for key, label, unit in _READINGS
+    )
+    with live_card("Alarms", 4):
         ui.html(
-            '<ol id="sinew-log" class="sinew-log" tabindex="0" aria-label="Events of the run"></ol>', sanitize=False
+            '<div class="sinew-scrolls" tabindex="0" role="region" aria-label="Limits of the alarms">'
+            "<table><thead><tr>"
+            '<th scope="col">Reading</th><th scope="col">Now</th><th scope="col">Alarm above</th>'
+            '<th scope="col">Rig stops at</th><th scope="col">State</th></tr></thead>'
+            f"<tbody>{rows}</tbody></table></div>"
+            '<div class="sinew-row">'
+            '<button type="button" class="sinew-button" id="sinew-sound" aria-pressed="true">Sound is on</button>'
+            '<button type="button" class="sinew-button" id="sinew-notify">Notify me</button>'
+            '<button type="button" class="sinew-button" id="sinew-limits-back">Limits of the rig</button></div>'
+            '<p id="sinew-sound-waits" class="sinew-soft"></p>'
+            '<p class="sinew-soft">Limits are kept in this browser; an empty one never alarms.</p>',
+            sanitize=False,
+        )
+
+
+def _happened_card() -> None:
+    severities = (("all", "All"), ("warning", "Warnings and worse"), ("bad", "Alarms and stops"))
+    with card("What happened", 4):
+        ui.html(
+            f'<div class="sinew-row">{choice("sinew-severity", "Show", severities, "all")}</div>'
+            '<p id="sinew-log-empty" class="sinew-soft">Nothing yet.</p>'
+            '<ol id="sinew-log" class="sinew-log" tabindex="0" reversed aria-label="Events of the run, newest first">'
+            "</ol>",
+            sanitize=False,
         )
 
 
 def _curves(site: Site) -> None:
-    """Lay out gain and phase, which grow with the run."""
+    """Lay out gain and phase, which grow with the run, and how they compare with what was predicted."""
     with card("Gain: torsion over commanded amplitude", 6):
-        gain, notes = Curves("gain"), [ui.label().classes("sinew-soft")]
+        gain = Curves("gain")
     with card("Phase: lag of the torsion behind the lever", 6):
         phase = Curves("phase")
-        notes.append(ui.label().classes("sinew-soft"))
-        damping, wrong = ui.label(), ui.label().classes("sinew-bad").props("role=status")
+    with card("Measured against predicted", 12):
+        verdict = ui.label(_NOT_YET).props("id=sinew-verdict role=status").classes("text-bold")
+        missed = ui.element("ul").props(
+            'id=sinew-misses tabindex=0 aria-live=polite aria-label="Values that miss the prediction"'
+        )
+        missed.classes("sinew-misses")
+        basis, note = (ui.label().classes("sinew-soft").props(f"id=sinew-{name}") for name in ("basis", "remark"))
+        damping, wrong = ui.label().props("id=sinew-damping"), ui.label().classes("sinew-bad").props("role=status")
     seen = -1
+    lines: dict[str, ui.element] = {}
+
+    def list_misses() -> None:
+        """Add what is new and take away what is gone: whoever hears the page hears each once."""
+        told = misses(site.results.measured)
+        for sentence in [one for one in lines if one not in told]:
+            lines.pop(sentence).delete()
+        with missed:
+            for sentence in [one for one in told if one not in lines]:
+                lines[sentence] = ui.element("li")
+                with lines[sentence]:
+                    ui.label(sentence)
 
     def look() -> None:
         nonlocal seen
@@ -113,13 +177,27 @@ def _curves(site: Site) -> None:
             seen = site.results.version
             for curves in (gain, phase):
                 curves.show(site.results.predicted, site.results.measured)
-            for note in notes:
-                note.set_text(site.results.remark)
+            list_misses()
+            verdict.set_text(_verdict(site.results))
+            basis.set_text(site.results.basis)
+            note.set_text(site.results.remark)
             damping.set_text(_in_words(site.results.damping))
             wrong.set_text(" ".join(filter(None, (site.results.trouble, *site.results.notes[-3:]))))
 
     look()
     ui.timer(_LOOK_S, look)
+
+
+_NOT_YET = "No prediction yet: it comes as soon as a run begins."
+
+
+def _verdict(results: Results) -> str:
+    """Return how measured and predicted compare, or what is waited for."""
+    if results.predicted:
+        return tally(results.measured) or "Nothing is measured yet; the lines are the prediction."
+    if results.trouble or results.remark:
+        return "There is no prediction to hold this run against."
+    return "The prediction is being computed." if results.is_predicting else _NOT_YET
 
 
 def _in_words(damping: list[dict[str, Any]]) -> str:

@@ -3,6 +3,7 @@
 import { Lissajous, Traces } from "./scope.js";
 import { Oscilloscope, calm } from "./oscilloscope.js";
 import { JointView } from "./joint.js";
+import * as alarms from "./alarms.js";
 
 const FRAME_MS = () => calm.matches ? 500 : 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
@@ -11,7 +12,7 @@ const traces = new Traces();
 let scope, lissajous, joint, rig, now = [], tensions = [], state = null, told = 0, socket = null;
 let drawn = 0, drawnSince = performance.now();
 
-function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend"].every($); }
+function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend", "sinew-log", "sinew-severity"].every($); }
 
 async function begin() {
   for (let i = 0; i < 200 && !ready(); i++) await new Promise((go) => setTimeout(go, 50));
@@ -19,6 +20,7 @@ async function begin() {
   scope = new Oscilloscope(traces, tell);
   window.SinewScope = scope;
   setInterval(age, 250);
+  alarms.begin();
   await show(given.rig);
   connect();
   draw(0);
@@ -44,7 +46,7 @@ function connect() {
   socket.onopen = () => { document.body.dataset.stream = "open"; tell(); };
   socket.onmessage = (event) => {
     const frame = JSON.parse(event.data);
-    if (frame.kind === "samples") take(frame); else { state = frame; told = performance.now(); describe(); age(); }
+    if (frame.kind === "samples") take(frame); else { state = frame; told = performance.now(); describe(); age(); alarms.take(state, isOfNow(), rig); }
   };
   socket.onclose = () => {
     document.body.dataset.stream = "closed";
@@ -97,10 +99,14 @@ function ageOfValues() {
   return age === null || age === undefined ? null : age + (performance.now() - told) / 1000;
 }
 
+function isOfNow() {
+  const live = state?.live, run = state?.steward?.run, old = ageOfValues();
+  return Boolean(live && run && run.name === live.name && old !== null && old < FRESH_S && socket?.readyState === WebSocket.OPEN);
+}
+
 // What is not of now must not look as if it were.
 function age() {
-  const live = state?.live, run = state?.steward?.run, old = ageOfValues();
-  const isNow = live && run && run.name === live.name && old !== null && old < FRESH_S && socket?.readyState === WebSocket.OPEN;
+  const live = state?.live, run = state?.steward?.run, old = ageOfValues(), isNow = isOfNow();
   const isStale = Boolean(live) && !isNow, text = !isStale ? "" : old === null ? "from before" : `${clock(old)} ago`;
   document.body.dataset.stale = String(isStale);
   for (const card of document.querySelectorAll(".sinew-live")) {
@@ -146,20 +152,6 @@ function describe() {
   const bus = health.bus ?? {};
   const told = ["transactions", "retries", "silent", "damaged", "crc_errors", "alerts"].filter((name) => name in bus);
   put("sinew-bus", told.map((name) => `${bus[name]} ${name.replaceAll("_", " ")}`).join(", ") || "–");
-  const log = $("sinew-log");
-  if (log && live) {
-    const last = live.events.at(-1)?.[0] ?? 0;
-    if (log.dataset.last !== `${live.name}${last}`) {
-      log.dataset.last = `${live.name}${last}`;
-      log.replaceChildren(...live.events.map(([, severity, sentence]) => {
-        const line = document.createElement("li");
-        if (severity === "warning") line.className = "sinew-warn";
-        line.textContent = sentence;
-        return line;
-      }));
-      log.scrollTop = log.scrollHeight;
-    }
-  }
 }
 
 begin();

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.alarms import alarm_limits
 from sinew.apps.dashboard.operators import held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.bench.record.journal import JournalReader, is_being_written
@@ -47,8 +48,9 @@ def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
 
     `shape`: lengths in those of the silicone, the number of tendons, and the points (y, z) of the silicone's surface
     around a section; `length_mm` of the silicone; `traces`: key, label and unit of each; `sensors`: key and label of
-    those with a node of their own; `tension_limit_n` [N]; `newton_per_ampere` of a tendon motor; `pose`: in words, None
-    of an upright head, which is drawn upright.
+    those with a node of their own; `tension_limit_n` [N]; `newton_per_ampere` of a tendon motor; `alarms`: by reading,
+    where its alarm begins unless somebody sets it elsewhere, and the rig's own limit; `pose`: in words, None of an
+    upright head, which is drawn upright.
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
@@ -70,6 +72,8 @@ def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
         "sensors": sensors,
         "tension_limit_n": rig.limits.tension_n,
         "newton_per_ampere": rig.tendons.tension(1.0),
+        "name": rig.name,
+        "alarms": alarm_limits(rig),
         "pose": None if pose.is_straight else pose.words(),
     }
 
