@@ -13,7 +13,9 @@ from benchmarks import (
     prediction,
     recording_speed,
     rod,
+    run_index,
     serve,
+    sliders,
     solid_cylinder,
     sweep_fit,
     swing_speed,
@@ -29,11 +31,13 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "identify": identify_speed.main,
     "prediction": lambda _: prediction.main(),
     "design": design.main,
+    "sliders": sliders.main,
     "solid": lambda _: solid_cylinder.main(),
     "rod": lambda _: rod.main(),
     "bent": lambda _: bent_speed.main(),
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
+    "runs": run_index.main,
     "serve": serve.main,
 }
 

@@ -91,10 +91,21 @@ def choose_plan(page: Any, name: str) -> None:
     raise AssertionError(f"no plan {name} can be chosen")
 
 
+def plan_text(page: Any) -> str:
+    """Return the plan in the editor, which draws only the lines that are seen."""
+    page.wait_for_selector("#sinew-plan-text .cm-content[aria-label]")
+    return str(
+        page.evaluate("""() => {
+      const place = document.querySelector("#sinew-plan-text").firstElementChild;
+      return window.getElement(Number(place.id.slice(1))).editor.state.doc.toString();
+    }""")
+    )
+
+
 def edit_plan(page: Any, before: str, after: str) -> None:
     """Write something else into the plan. before: a pattern."""
-    text = page.get_by_label("Plan as TOML")
-    text.fill(re.sub(before, after, text.input_value(), count=1))
+    text = re.sub(before, after, plan_text(page), count=1)
+    page.locator("#sinew-plan-text .cm-content").fill(text)
 
 
 @contextmanager

@@ -53,12 +53,29 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     choose_plan(page, plan)
-    page.wait_for_function("document.querySelector('textarea.sinew-code').value.includes('watched')")
+    page.wait_for_function("document.querySelector('#sinew-plan-text').textContent.includes('watched')")
     page.wait_for_selector("#sinew-start:not([disabled])")
     page.click("#sinew-start")
     page.wait_for_url(f"{dashboard.base}/")
     page.wait_for_function("Number(document.body.dataset.samples) > 50", timeout=120_000)
     return dashboard.await_run()
+
+
+def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_four_clicks_in_a_minute(
+    opened: Open, tmp_path: Path
+) -> None:
+    began = time.monotonic()
+    with served(tmp_path / "runs", "--emulate") as dashboard:
+        page = opened(dashboard)
+        page.get_by_role("link", name="Plan").click()
+        page.get_by_role("button", name="Take control").click()
+        page.locator("#sinew-start:not([disabled])").click()
+        page.wait_for_url(f"{dashboard.base}/")
+        page.locator("#sinew-open-last").click(timeout=200_000)
+        page.wait_for_function(
+            "document.querySelector('.nicegui-echart')?.textContent.includes('4 mm')", timeout=120_000
+        )
+        assert time.monotonic() - began < 60.0
 
 
 def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench: Served) -> None:

@@ -17,7 +17,7 @@ SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export",
     "film", "gait", "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce",
-    "run", "serve", "simulate", "stop", "track", "transfer", "tune", "workspace",
+    "run", "runs", "serve", "simulate", "stop", "track", "transfer", "tune", "workspace",
 )  # fmt: skip
 
 

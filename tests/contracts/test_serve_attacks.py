@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
 from tests.patience import LONG_S
+from tests.unit.dashboard_journal import run_folder
 
 from sinew.apps.dashboard.access import Access
 
@@ -226,6 +227,36 @@ def test_a_ticket_that_was_never_given_is_refused(served: Served, operator: Page
     assert operator.client.post("/command", json=told).status_code == 403
 
 
+KEEPING = [("rename", {"to": "other"}), ("bin", {}), ("note", {"notes": "x", "tags": []})]
+
+
+@pytest.mark.parametrize(("command", "more"), KEEPING)
+def test_who_does_not_operate_changes_no_run_on_the_disk(served: Served, command: str, more: dict[str, object]) -> None:
+    if not (served.runs / "kept").exists():
+        run_folder(served.runs / "kept", [0])
+    served.operator()
+    assert served.page().says(command, name="kept", **more).status_code == 403
+    assert not (served.runs / "kept" / "notes.json").exists()
+
+
+def test_an_operator_notes_renames_puts_away_and_takes_back_a_run(served: Served, operator: Page) -> None:
+    run_folder(served.runs / "first", [0])
+    said = [
+        operator.says("note", name="first", notes="x", tags=["aged"]),
+        operator.says("rename", name="first", to="second"),
+        operator.says("bin", name="second"),
+        operator.says("restore", name="second"),
+    ]
+    assert [answer.status_code for answer in said] == [200] * 4
+    assert (served.runs / "second" / "notes.json").exists()
+
+
+@pytest.mark.parametrize("command", ["rename", "bin", "restore", "note"])
+@pytest.mark.parametrize("name", ["../x", ".bench", "rigs", "", "none"])
+def test_a_name_that_is_no_run_is_not_touched(operator: Page, command: str, name: str) -> None:
+    assert operator.says(command, name=name, to="other").status_code in (404, 422)
+
+
 @pytest.mark.parametrize(
     "name",
     ["../x", "/tmp/x", ".hidden", "..", "a/b", "a\\b", "a\0b", "a\n", "", " ", "x" * 81, "x" * 5000, "ä", "<b>", "-x"],
@@ -239,6 +270,35 @@ def test_a_name_that_leads_elsewhere_begins_no_run(served: Served, operator: Pag
 @pytest.mark.parametrize("text", ["", "name = 1", "[", "a = " + "[" * 5000, "x = 1e999", RIG])
 def test_a_plan_that_is_none_begins_no_run(served: Served, operator: Page, text: str) -> None:
     assert operator.says("start", name="fine", plan=text, rig=RIG).status_code == 422
+
+
+def test_only_who_operates_puts_something_on_the_shelf_or_takes_it_off(served: Served, operator: Page) -> None:
+    onlooker = served.page()
+    told = {"shelf": "plans", "name": "kept", "text": plan()}
+    assert onlooker.says("shelve", **told).status_code == 403
+    assert not (served.runs / "plans" / "kept.toml").exists()
+    assert operator.says("shelve", **told).status_code == 200
+    assert operator.says("shelve", **told).status_code == 409
+    assert onlooker.says("unshelve", shelf="plans", name="kept").status_code == 403
+    assert (served.runs / "plans" / "kept.toml").read_text() == plan()
+    assert operator.says("unshelve", shelf="plans", name="kept").status_code == 200
+    assert list((served.runs / "plans").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"shelf": "runs", "name": "x", "text": ""},
+        {"shelf": "plans", "name": "../x", "text": ""},
+        {"shelf": "plans", "name": "x", "text": "x" * 300_000},
+        {"shelf": "plans", "text": ""},
+        {"shelf": "plans", "name": "x"},
+    ],
+)
+def test_what_belongs_on_no_shelf_is_not_written(served: Served, operator: Page, told: dict[str, str]) -> None:
+    before = sorted(served.runs.parent.rglob("*"))
+    assert operator.says("shelve", **told).status_code in (413, 422)
+    assert sorted(served.runs.parent.rglob("*")) == before
 
 
 def test_a_browser_is_told_to_keep_and_frame_nothing(served: Served) -> None:

@@ -1,13 +1,15 @@
 """Sliders: a sketch that is right, that never compiles anew, and sentences where a number cannot be meant."""
 
 import json
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
-from sinew.apps.dashboard.work.design import design_curves
+from sinew.apps.dashboard.work.design import design_curves, rig_text, slope_damping
 from sinew.measure.errors import SpecError
+from sinew.plan.toml import parse_rig
 
 BAND_HZ = (1.0, 6.0)
 
@@ -67,6 +69,23 @@ def test_a_curve_is_plain_json() -> None:
 
 def test_a_joint_without_changes_is_the_rig() -> None:
     assert design_curves("paper", {"length_mm": None}, 4.0, 20.0, BAND_HZ)["rig"] == "paper"
+
+
+def test_the_checks_of_what_is_assumed_are_left_to_the_refined_curve() -> None:
+    assert design_curves("paper", {}, 4.0, 20.0, BAND_HZ)["validity"] is None
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.1])
+def test_the_slope_of_the_lag_gives_the_damping_of_an_oscillator(damping: float) -> None:
+    hertz = np.linspace(2.0, 4.0, 30)
+    lag = np.arctan2(2 * damping * hertz / 3.0, 1 - (hertz / 3.0) ** 2)
+    branch = SimpleNamespace(frequency_hz=hertz, phase=lag, phase_90=SimpleNamespace(frequency_hz=3.0))
+    assert slope_damping(branch) == pytest.approx(damping, rel=0.05)  # type: ignore[arg-type]
+
+
+def test_a_design_is_a_rig_of_its_own_name() -> None:
+    made = parse_rig(rig_text("paper", {"length_mm": 110.0}, "mine"))
+    assert (made.name, made.silicone.length.value) == ("mine", pytest.approx(0.110))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from sinew.apps.cli import app
-from sinew.apps.dashboard.work.design import prediction_for_plan, preview_document, suggest_pretension
+from sinew.apps.dashboard.work.design import (
+    plan_outline,
+    prediction_for_plan,
+    preview_document,
+    suggest_pretension,
+)
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig, parse_plan, read_spec
 
@@ -45,6 +50,13 @@ def test_a_plan_that_breaks_a_limit_is_an_answer() -> None:
     found = preview_document(PLAN.replace("[2, 8]", "[2, 99]"), RIG)
     assert not found["ok"]
     assert "the rig allows" in found["refusals"][0]
+
+
+def test_the_outline_of_a_plan_is_its_stages_and_of_what_is_none_its_faults() -> None:
+    assert [stage["kind"] for stage in plan_outline(PLAN)["stages"]][:3] == ["pull", "change", "rest"]
+    outline = plan_outline(PLAN.replace("[3, 3.4]", "[3.4, 3]"))
+    assert [fault["line"] for fault in outline["faults"]] == [5]
+    assert "stages" not in outline
 
 
 def test_what_is_no_plan_is_refused() -> None:

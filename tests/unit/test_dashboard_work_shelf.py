@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sinew.apps.dashboard.work.runs import read_shelf, shelf
+from sinew.apps.dashboard.operators import RefusedError
+from sinew.apps.dashboard.work.runs import put_on_shelf, read_shelf, shelf, take_off_shelf
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import list_shipped, read_spec
 
@@ -37,3 +38,43 @@ def test_nothing_outside_the_shelves_is_read(name: str, tmp_path: Path) -> None:
     (tmp_path / "plans").mkdir()
     with pytest.raises(SpecError):
         read_shelf("plans", name, tmp_path)
+
+
+def test_what_is_put_on_the_shelf_is_read_from_it(tmp_path: Path) -> None:
+    put_on_shelf(tmp_path, "plans", "my plan", read_spec("plans", "short"))
+    assert shelf(tmp_path)["plans"][-1]["name"] == "my plan.toml"
+    assert read_shelf("plans", "my plan.toml", tmp_path) == read_spec("plans", "short")
+
+
+def test_another_of_that_name_is_replaced_only_on_purpose(tmp_path: Path) -> None:
+    put_on_shelf(tmp_path, "rigs", "mine", "old")
+    with pytest.raises(RefusedError, match="already; replace it"):
+        put_on_shelf(tmp_path, "rigs", "mine", "new")
+    put_on_shelf(tmp_path, "rigs", "mine.toml", "new", replace=True)
+    assert [path.read_text() for path in (tmp_path / "rigs").iterdir()] == ["new"]
+
+
+def test_what_is_taken_off_the_shelf_is_gone(tmp_path: Path) -> None:
+    put_on_shelf(tmp_path, "plans", "mine", "x")
+    take_off_shelf(tmp_path, "plans", "mine")
+    assert list((tmp_path / "plans").iterdir()) == []
+    with pytest.raises(RefusedError, match=r"no mine\.toml among"):
+        take_off_shelf(tmp_path, "plans", "mine")
+
+
+@pytest.mark.parametrize("name", ["../secret", "a/b", ".hidden", "", "x" * 90, "ä"])
+def test_nothing_is_written_or_deleted_beside_the_shelf(name: str, tmp_path: Path) -> None:
+    (tmp_path / "plans").mkdir()
+    (tmp_path / "secret.toml").write_text("kept")
+    for act in (lambda: put_on_shelf(tmp_path, "plans", name, "x"), lambda: take_off_shelf(tmp_path, "plans", name)):
+        with pytest.raises(RefusedError, match="for a name"):
+            act()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["plans", "secret.toml"]
+
+
+def test_a_shelf_that_is_a_link_is_not_written(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "plans").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RefusedError, match="cannot write"):
+        put_on_shelf(tmp_path, "plans", "mine", "x")
+    assert list((tmp_path / "elsewhere").iterdir()) == []

@@ -212,3 +212,10 @@ def test_a_written_file_has_the_usual_permissions(saved: Path, tmp_path: Path) -
 def test_a_folder_that_is_not_there_yet_is_made(tmp_path: Path) -> None:
     save_recording(recording_of(400), tmp_path / "new" / "folder" / "x.nc")
     assert is_netcdf(tmp_path / "new" / "folder" / "x.nc")
+
+
+def test_counts_are_deflated_and_noise_is_stored_as_it_is(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).normal(size=20_000)
+    save_dataset(xr.Dataset({"noise": ("n", noise), "counts": ("n", np.round(noise))}), tmp_path / "both.nc")
+    with netCDF4.Dataset(tmp_path / "both.nc") as file:
+        assert {name: file[name].filters()["zlib"] for name in file.variables} == {"noise": False, "counts": True}

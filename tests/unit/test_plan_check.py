@@ -4,10 +4,11 @@ import math
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sinew.measure.errors import SpecError
-from sinew.plan.check import Preview, check_plan, refuse_beyond_limits
+from sinew.plan.check import Preview, check_plan, drive_reach, drive_reaches, refuse_beyond_limits, stages_of
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_plan, load_rig
 
@@ -164,3 +165,28 @@ def test_a_refused_plan_raises_its_first_refusal_and_counts_the_others() -> None
 
 def test_a_plan_within_the_limits_passes() -> None:
     refuse_beyond_limits(check_plan(load_plan("short"), RIG))
+
+
+def test_the_drive_asked_of_many_groups_at_once_says_what_it_says_of_each() -> None:
+    rig, command, hertz = load_rig("paper"), np.radians([2.0, 20.0, 60.0]), np.array([0.5, 3.0, 7.0])
+    head = np.array([0.0, 2.0 * np.exp(-1.5j), 0.3 * np.exp(-3.0j)])
+    each = [drive_reach(rig, *asked) for asked in zip(command.tolist(), hertz.tolist(), head.tolist(), strict=True)]
+    assert drive_reaches([rig] * 3, command, hertz, head) == each
+
+
+@pytest.mark.parametrize("name", ["first", "quick", "short", "current", "paper"])
+def test_the_stages_of_a_plan_follow_each_other_and_last_as_long_as_the_bench_takes(name: str) -> None:
+    plan = load_plan(name)
+    stages = stages_of(plan)
+    ends = [stage.start_s + stage.duration_s for stage in stages]
+    assert [stage.start_s for stage in stages[1:]] == pytest.approx(ends[:-1])
+    assert ends[-1] == pytest.approx(check_plan(plan, load_rig("paper")).bench_s)
+
+
+def test_each_group_of_a_short_plan_is_a_stage_and_a_long_plans_are_taken_together() -> None:
+    first, paper = (load_plan(name) for name in ("first", "paper"))
+    records = ("rest", "steady", "ring-down")
+    assert [stage.frequency_hz for stage in stages_of(first) if stage.kind == "steady"] == [2.5, 3.2, 4.0] * 2
+    told = [stage for stage in stages_of(paper) if stage.kind in records]
+    assert len(told) == 3 * len(paper.pretension.pretension_mm)
+    assert sum(stage.groups for stage in told) == len(paper.groups())

@@ -11,7 +11,17 @@ from tests.unit.plan_faults import refusal
 
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan, Pretension, Sweep
-from sinew.plan.toml import dump_plan, dump_rig, list_shipped, load_plan, load_rig, parse_plan, parse_rig
+from sinew.plan.toml import (
+    dump_plan,
+    dump_rig,
+    list_shipped,
+    load_plan,
+    load_rig,
+    parse_plan,
+    parse_rig,
+    plan_faults,
+    read_spec,
+)
 
 ROOT = Path(__file__).parents[2]
 # With fixed values, so that a recalibration of the shipped rig does not move the lines that these tests break.
@@ -25,7 +35,7 @@ PLAN_TEXT = (ROOT / "plans" / "paper.toml").read_text(encoding="utf-8")
 
 def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
     assert list_shipped("rigs") == ["curved", "paper"]
-    assert list_shipped("plans") == ["bent", "beyond", "current", "engine", "first", "paper", "short"]
+    assert list_shipped("plans") == ["bent", "beyond", "current", "engine", "first", "paper", "quick", "short"]
 
 
 @pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])
@@ -181,7 +191,7 @@ def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
 
 
 def test_a_name_that_nearly_matches_is_suggested() -> None:
-    shipped = "bent, beyond, current, engine, first, paper, short"
+    shipped = "bent, beyond, current, engine, first, paper, quick, short"
     with pytest.raises(SpecError, match=rf"no plan shrt: .*ships {shipped}; did you mean short\?"):
         load_plan("shrt")
 
@@ -257,3 +267,61 @@ def test_a_plan_that_would_last_for_years_is_refused_before_anything_is_made_of_
 def test_a_folder_does_not_hide_the_shipped_rig_of_its_name(here: Path) -> None:
     (here / "paper").mkdir()
     assert load_rig("paper").name == "paper"
+
+
+PLACED = """\
+name = "placed"
+
+[pretension]
+pretension_mm = [
+  2, # a ] in a comment
+  -1,
+  8,
+]
+
+[sweep]
+frequency_hz = [3, 4]
+repeats = 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "lines"),
+    [
+        ("", "", [6]),
+        ("-1", "6", []),
+        ("repeats = 2", 'repeats = "many"', [6, 12]),
+        ("repeats", "repets", [6, 12]),
+        ("frequency_hz = [3, 4]", "", [6, 10]),
+        ("[3, 4]", "[4, 3]", [6, 10]),
+        ("[sweep]\nfrequency_hz", "[sweep]\nfrequency_hz = [1]\nfrequency_hz", [12]),
+        ('name = "placed"', "name = placed", [1]),
+        ("repeats = 2", "repeats =", [12]),
+        ('"placed"', '"placed"\nsweep = { repeats = 2 }', [11]),
+    ],
+)
+def test_the_faults_of_a_plan_are_at_their_lines(before: str, after: str, lines: list[int]) -> None:
+    assert [fault.line for fault in plan_faults(PLACED.replace(before, after, 1))] == lines
+
+
+def test_a_fault_of_a_dotted_key_is_at_its_line() -> None:
+    text = 'name = "dotted"\npretension.pretension_mm = [2]\nsweep.frequency_hz = [3]\nsweep.repeats = 0\n'
+    assert [fault.line for fault in plan_faults(text)] == [4]
+
+
+def test_a_section_that_is_missing_is_a_fault_of_the_whole_plan() -> None:
+    (fault,) = plan_faults('name = "short"\n[sweep]\nfrequency_hz = [3]\n')
+    assert fault.line is None
+    assert fault.sentence.startswith("plan key pretension is missing")
+
+
+@pytest.mark.parametrize("name", list_shipped("plans"))
+def test_a_shipped_plan_has_no_faults(name: str) -> None:
+    assert plan_faults(read_spec("plans", name)) == []
+
+
+def test_lines_are_not_looked_for_without_end() -> None:
+    many = "x = [\n" + '"]",\n' * 40_000 + "]\n"
+    begin = time.process_time()
+    plan_faults(many)
+    assert time.process_time() - begin < 5.0

@@ -23,7 +23,7 @@ from sinew.measure.arrays import Array, Mask, mean_of_known
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment
-from sinew.plan.check import Reach, drive_reach
+from sinew.plan.check import Reach, drive_reach, drive_reaches
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 
@@ -256,12 +256,14 @@ def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
         on_curve = np.fmax(*_off_curve(sweep, expected)[0]) < DOUBTED_FROM
     blamed, contradicted, unsaturated = (np.zeros(lever.shape) for _ in range(3))
     swung: dict[tuple[int, ...], Reach] = {}
-    for place in np.argwhere(np.isfinite(lever) & np.isfinite(command) & (command > 0)):
-        at = tuple(int(i) for i in place)
-        here = rig if not sweep.supply_v[at] > 0 else _supplied(rig, sweep.supply_v[at])
-        frequency = float(sweep.frequency_hz[at[1]])
-        head = gain[at] * np.exp(-1j * lag[at]) if np.isfinite(gain[at] + lag[at]) else 0.0
-        reach = swung[at] = drive_reach(here, float(command[at]), frequency, complex(head))
+    looked = np.isfinite(lever) & np.isfinite(command) & (command > 0)
+    places = [tuple(int(i) for i in place) for place in np.argwhere(looked)]
+    rigs = [rig if not sweep.supply_v[at] > 0 else _supplied(rig, sweep.supply_v[at]) for at in places]
+    head = np.where(np.isfinite(gain + lag), gain * np.exp(-1j * lag), 0.0)[looked]
+    hertz = np.broadcast_to(sweep.frequency_hz[:, None], looked.shape)[looked]
+    reached = drive_reaches(rigs, command[looked], hertz, head) if places else []
+    for at, here, frequency, reach in zip(places, rigs, hertz.tolist(), reached, strict=True):
+        swung[at] = reach
         own = _ratio(std[at], lever[at])
         by_head = _logs(lever[at], reach.amplitude_rad, math.hypot(_LEVER_STD, own))
         if by_head > DOUBTED_FROM:

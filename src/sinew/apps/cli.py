@@ -16,7 +16,7 @@ from sinew import __version__
 from sinew.apps.bench import doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, pose, predict, transfer
-from sinew.apps.recordings import analyse, convert, film, gait, identify, reproduce, simulate
+from sinew.apps.recordings import analyse, convert, film, gait, identify, reproduce, runs, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -35,6 +35,10 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     analyse.analyse: (
         "sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp",
         "sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json",
+    ),
+    runs.runs: (
+        'sinew runs runs --search "f_r>3.2 pretension=6 tag:aged"',
+        "sinew runs runs --search pretension=6 --trend f_r --out ageing.svg",
     ),
     analyse.current: ("sinew current out/bench/recording.nc",),
     identify.identify: ("sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json",),

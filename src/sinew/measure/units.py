@@ -50,15 +50,6 @@ _PREFERRED = (
     *("N*m*s/rad", "Pa", "V", "V/s", "A", "W", "ohm", "T"),
 )
 _BY_NAME = {"hertz": "Hz", "joule": "J"}
-_OF_RIGS = {
-    ("mm", "m"): 1e-3,
-    ("mA", "A"): 1e-3,
-    ("ms", "s"): 1e-3,
-    ("rpm", "rad/s"): math.tau / 60,
-    ("deg/s", "rad/s"): math.radians(1.0),
-    ("g_0", "m/s^2"): STANDARD_GRAVITY,
-}
-"""What the rigs that ship are written in; who reads no other need not load pint, which takes a third of a second."""
 
 # Suffixes of column names that are clear about their unit, longest first.
 _SUFFIXES = {
@@ -83,6 +74,33 @@ _SUFFIXES = {
     "dps": "deg/s",
 }
 _CLOCKS = {"millis": "ms", "micros": "us"}  # functions of the Arduino; loggers write their numbers under their names
+# Units that hardly a file or rig does without, in SI: pint takes half a second to start, and is asked about all others.
+_COMMON = {
+    "1": ("1", 1.0),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "m/s": ("m/s", 1.0),
+    "m/s2": ("m/s2", 1.0),
+    "m/s^2": ("m/s2", 1.0),
+    "g_0": ("m/s2", STANDARD_GRAVITY),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180),
+    "dps": ("rad/s", math.pi / 180),
+    "rpm": ("rad/s", 2 * math.pi / 60),
+    "Hz": ("Hz", 1.0),
+    "N": ("N", 1.0),
+    "N*m": ("N*m", 1.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+}
 # What pint raises on text that is no unit, besides its own errors.
 _UNREADABLE = (tokenize.TokenError, ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
 _WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
@@ -193,8 +211,12 @@ def convert(unit: str, to: str) -> float:
 
     Raises UnitError where a unit is unknown, has an offset or is logarithmic, or the dimensions differ.
     """
-    if (unit, to) in _OF_RIGS:
-        return _OF_RIGS[unit, to]
+    (base, size), (other, whole) = (_COMMON.get(text.strip(), ("", math.nan)) for text in (unit, to))
+    return size / whole if base and base == other else _converted(unit, to)
+
+
+def _converted(unit: str, to: str) -> float:
+    """Return what `convert` does, by pint."""
     import pint
 
     source, target = _parse(unit), _parse(to)
@@ -221,6 +243,11 @@ def canonical_unit(unit: str) -> tuple[str, float]:
     The SI unit is written the way the schema writes it where it is a common one ("N*m", "rad/s", "m/s2", "V").
     Raises UnitError where the unit is unknown, ambiguous (g), logarithmic, or has an offset (degrees Celsius).
     """
+    return _COMMON.get(unit.strip()) or _canonical(unit)
+
+
+def _canonical(unit: str) -> tuple[str, float]:
+    """Return what `canonical_unit` does, by pint."""
     parsed = _parse(unit)
     base = _base(parsed)
     quantity = _registry().Quantity

@@ -3,12 +3,11 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan
@@ -34,6 +33,7 @@ from sinew.plan.servo import SERVOS
 # known, φ = H θ adds I_l H to the inertia, and the lever is known to a few percent.
 
 _SCAN = np.geomspace(1e-4, 1e6, 400)
+_WITHIN, _NARROWED = np.linspace(0.0, 1.0, 33), 5  # a bracket of 6 % becomes one of 2e-9, where a straight line will do
 
 
 @dataclass(frozen=True)
@@ -57,38 +57,44 @@ class Reach:
         return self.saturated_share > 0
 
 
-@dataclass(frozen=True)
-class _Servo:
-    """Servo and load at one frequency: horn torque minus friction is load · θ, phasors, θ real."""
+class _Servos(NamedTuple):
+    """Servos and loads at one frequency each, (k, 1): horn torque minus friction is load · θ, phasors, θ real."""
 
-    load: complex
-    friction: float
-    torque_limit: float
-    error_limit: float
+    load: Complexes
+    friction: Array
+    torque_limit: Array
+    error_limit: Array
 
     @staticmethod
-    def of(rig: RigSpec, omega: float, head: complex) -> "_Servo":
-        drive = rig.drive
-        inertia = rig.inertia.lever.value * (1 + head) + drive.armature.value
-        return _Servo(
-            load=-inertia * omega**2 + 1j * drive.speed_slope * omega,
-            friction=4 / math.pi * drive.friction.value,
-            torque_limit=drive.duty_torque * drive.duty_limit.value,
-            error_limit=drive.duty_limit.value / drive.position_gain.value,
-        )
+    def of(rigs: Sequence[RigSpec], omega: Array, head: Complexes) -> "_Servos":
+        drives, levers = [rig.drive for rig in rigs], [rig.inertia.lever.value for rig in rigs]
+        rows = [
+            (
+                drive.armature.value,
+                drive.speed_slope,
+                4 / math.pi * drive.friction.value,
+                drive.duty_torque * drive.duty_limit.value,
+                drive.duty_limit.value / drive.position_gain.value,
+            )
+            for drive in drives
+        ]
+        armature, slope, friction, torque_limit, error_limit = np.array(rows).T[:, :, None]
+        inertia = np.array(levers)[:, None] * (1 + head) + armature
+        return _Servos(-inertia * omega**2 + 1j * slope * omega, friction, torque_limit, error_limit)
 
-    def lever(self, x: float) -> tuple[float, complex]:
-        """Return (lever amplitude Θ [rad], phasor of the command [rad], lever's phase zero) for an error x.
+    def lever(self, x: Array) -> tuple[Array, Complexes]:
+        """Return (lever amplitude Θ [rad], phasor of the command [rad], lever's phase zero) for errors x, each (k, n).
 
         |load Θ + i T_f 4/π| is the torque amplitude, a quadratic in Θ.
         """
-        torque = self.torque_limit * _saturated(x)
-        if torque <= self.friction:
-            return 0.0, complex(0.0, x * self.error_limit)
-        square, half = abs(self.load) ** 2, self.load.imag * self.friction
-        theta = (math.sqrt(half**2 + square * (torque**2 - self.friction**2)) - half) / square
-        phasor = self.load * theta + 1j * self.friction
-        return theta, theta + phasor / abs(phasor) * x * self.error_limit
+        torque = np.maximum(self.torque_limit * _saturated(x), self.friction)
+        square, half = np.abs(self.load) ** 2, self.load.imag * self.friction
+        theta = (np.sqrt(half**2 + square * (torque**2 - self.friction**2)) - half) / square
+        held = torque <= self.friction
+        phasor = np.where(held, 1j, self.load * theta + 1j * self.friction)
+        theta = np.where(held, 0.0, theta)
+        command = theta + phasor / np.abs(phasor) * x * self.error_limit
+        return np.asarray(theta, dtype=float), np.asarray(command, dtype=complex)
 
 
 def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: complex = 0.0) -> Reach:
@@ -97,30 +103,40 @@ def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: com
     head: torsion over lever angle, complex, of a head that swings, a lag having a negative angle; 0 for a held one.
     Where the balance has several solutions the one with the smallest error counts: a drive that starts from rest.
     """
-    omega = 2 * math.pi * frequency_hz
-    servo = _Servo.of(rig, omega, head)
-
-    def surplus(log_x: float) -> float:
-        return abs(servo.lever(math.exp(log_x))[1]) - command_rad
-
-    steps = [(x, surplus(math.log(x))) for x in _SCAN]
-    low, high = next(
-        ((x, y) for (x, at_x), (y, at_y) in pairwise(steps) if at_x < 0 <= at_y),
-        (_SCAN[0], _SCAN[0]),
-    )
-    x = low if low == high else math.exp(float(brentq(surplus, math.log(low), math.log(high), xtol=1e-12)))
-    theta, command = servo.lever(x)
-    friction = servo.friction if theta > 0 else 0.0
-    electrical = abs((servo.load - 1j * rig.drive.speed_slope * omega) * theta + 1j * friction)
-    share = 1 - 2 / math.pi * math.asin(1 / x) if x > 1 else 0.0
-    return Reach(theta, math.atan2(command.imag, command.real), electrical / rig.drive.torque_constant, share)
+    return drive_reaches([rig], np.array([command_rad]), np.array([frequency_hz]), np.array([head], dtype=complex))[0]
 
 
-def _saturated(x: float) -> float:
+def drive_reaches(rigs: Sequence[RigSpec], command_rad: Array, frequency_hz: Array, head: Complexes) -> list[Reach]:
+    """Return `drive_reach` of each rig, command, frequency and head, all (k,)."""
+    command, omega = command_rad[:, None], 2 * math.pi * frequency_hz[:, None]
+    servos = _Servos.of(rigs, omega, head[:, None])
+    grid = np.broadcast_to(_SCAN, (len(command), _SCAN.size))
+    rows = np.arange(len(command))
+    for fraction in (*(_WITHIN,) * _NARROWED, np.array([0.0, 1.0])):
+        below = np.abs(servos.lever(grid)[1]) < command
+        crossed = below[:, :-1] & ~below[:, 1:]
+        at = np.argmax(crossed, axis=1)
+        low = grid[rows, at]
+        high = np.where(crossed[rows, at], grid[rows, at + 1], low)
+        grid = low[:, None] * (high / low)[:, None] ** fraction
+    short = np.abs(servos.lever(grid)[1]) - command
+    step = np.diff(short, axis=1)
+    x = grid[:, :1] - np.diff(grid, axis=1) * short[:, :1] / np.where(step > 0, step, np.inf)
+    theta, phasor = servos.lever(x)
+    slope = np.array([[rig.drive.speed_slope] for rig in rigs])
+    electrical = np.abs((servos.load - 1j * slope * omega) * theta + 1j * np.where(theta > 0, servos.friction, 0.0))
+    share = np.where(x > 1, 1 - 2 / math.pi * np.arcsin(1 / np.maximum(x, 1)), 0.0)
+    columns = (column[:, 0].tolist() for column in (theta, np.angle(phasor), electrical, share))
+    return [
+        Reach(lever, lag, torque / rig.drive.torque_constant, part)
+        for rig, lever, lag, torque, part in zip(rigs, *columns, strict=True)
+    ]
+
+
+def _saturated(x: Array) -> Array:
     """Return the fundamental of clip(x sin ψ, ±1)."""
-    if x <= 1:
-        return x
-    return 2 / math.pi * (x * math.asin(1 / x) + math.sqrt(1 - 1 / x**2))
+    over = np.maximum(x, 1.0)
+    return np.where(x <= 1, x, 2 / math.pi * (over * np.arcsin(1 / over) + np.sqrt(1 - 1 / over**2)))
 
 
 REACHED_SHARE = 0.95
@@ -190,7 +206,10 @@ def check_plan(
     by_lever = plan.sweep if plan.sweep is not None and plan.sweep.drive == "lever" else None
     frequencies = by_lever.frequency_hz if by_lever else ()
     amplitude = by_lever.amplitude_deg if by_lever else 0.0
-    reach = [drive_reach(rig, math.radians(amplitude), frequency) for frequency in frequencies]
+    asked = np.full(len(frequencies), math.radians(amplitude))
+    reach = drive_reaches(
+        [rig] * asked.size, asked, np.asarray(frequencies, dtype=float), np.zeros(asked.size, complex)
+    )
     reached_deg = [math.degrees(r.amplitude_rad) for r in reach]
     groups = plan.groups()
     findings = [
@@ -231,12 +250,92 @@ _CHANGE_MM_S = 6.0
 
 def _beside_s(plan: Plan, decays: int) -> float:
     """Return what a bench needs beside the motions and rests of a plan [s]."""
-    levels = plan.pretension.pretension_mm
-    ends = plan.track.pretension_to_mm if plan.track is not None else None
-    way = [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
+    way = _way(plan)
     changed = sum(abs(after - before) for before, after in zip([0.0, *way], way, strict=False)) / _CHANGE_MM_S
     levelled = _LEVEL_S + _LEVEL_SWINGING_S * (len(way) - 1)
     return _POWER_UP_S + changed + levelled + _CALM_S * decays + _STOP_S
+
+
+def _way(plan: Plan) -> list[float]:
+    """Return the pretensions that are set one after the other [mm]."""
+    levels = plan.pretension.pretension_mm
+    ends = plan.track.pretension_to_mm if plan.track is not None else None
+    return [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
+
+
+StageKind = Literal["pull", "change", "rest", "settle", "steady", "calm", "ring-down", "tracking", "stop"]
+
+
+class Stage(NamedTuple):
+    """A stretch of a plan as a bench runs it, as long as `Preview.bench_s` takes it to be.
+
+    kind: pull to first contact; change of pretension, with levelling; rest for the sensors; settle before a record;
+    steady, ring-down and tracking are records; calm until the joint is at rest before a decay; stop.
+    start_s, duration_s: [s]. pretension_mm: None before the first is set. frequency_hz, amplitude_deg: None where the
+    drive has none; of tendons that drive, the amplitude is in mm and not told here. groups: of the plan that are in it.
+    """
+
+    kind: StageKind
+    start_s: float
+    duration_s: float
+    pretension_mm: float | None
+    frequency_hz: float | None = None
+    amplitude_deg: float | None = None
+    groups: int = 1
+
+
+def stages_of(plan: Plan, most: int = 400) -> list[Stage]:
+    """Return the stages of a plan in their order.
+
+    most: of more than so many stages those of a kind at one pretension are taken together, one stage each, the settling
+    with its record; the frequency is the last one's then.
+    """
+    found, now, last = [Stage("pull", 0.0, _POWER_UP_S, None)], _POWER_UP_S, 0.0
+
+    def add(kind: StageKind, duration_s: float, mm: float | None, *drive: float) -> None:
+        nonlocal now
+        if duration_s > 0:
+            hertz, deg = (None if math.isnan(one) else one for one in drive or (math.nan, math.nan))
+            found.append(Stage(kind, now, duration_s, mm, hertz, deg))
+            now += duration_s
+
+    at: float | None = None
+    begun = False
+    for group in plan.groups():
+        moves_to = plan.track.pretension_to_mm if plan.track is not None else None
+        if group.pretension_mm != at:
+            for mm in (group.pretension_mm,) if moves_to is None else (moves_to, group.pretension_mm):
+                level = _LEVEL_SWINGING_S if begun else _LEVEL_S
+                add("change", abs(mm - last) / _CHANGE_MM_S + level, mm)
+                last, begun = mm, True
+            at = group.pretension_mm
+        if group.kind == "ring-down":
+            add("calm", _CALM_S, at)
+        drive = group.frequency_hz, group.amplitude_deg
+        add("settle", group.settle_s, at, *drive)
+        add("rest" if group.kind == "idle" else group.kind, group.record_s, at, *drive)
+    add("stop", _STOP_S, at)
+    return found if len(found) <= most else _together(found)
+
+
+def _together(stages: list[Stage]) -> list[Stage]:
+    """Return neighbouring stages of one pretension and one kind as one; settling and calm belong to what follows."""
+    made: list[Stage] = []
+    before = 0.0
+    for stage in stages:
+        if stage.kind in ("settle", "calm"):
+            before += stage.duration_s
+            continue
+        whole = stage._replace(start_s=stage.start_s - before, duration_s=stage.duration_s + before)
+        before = 0.0
+        if made and (made[-1].kind, made[-1].pretension_mm) == (stage.kind, stage.pretension_mm):
+            last = made[-1]
+            whole = whole._replace(
+                start_s=last.start_s, duration_s=last.duration_s + whole.duration_s, groups=last.groups + 1
+            )
+            made.pop()
+        made.append(whole)
+    return made
 
 
 def refuse_beyond_limits(preview: Preview) -> None:

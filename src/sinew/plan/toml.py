@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
@@ -300,6 +300,138 @@ def parse_plan(text: str, source: str = "plan") -> Plan:
     return _parse(text, source, Plan, "plan")
 
 
+class Fault(NamedTuple):
+    """What is wrong with a text. line: of the text, counted from 1, at which it is to be mended; None: as a whole."""
+
+    line: int | None
+    sentence: str
+
+
+def plan_faults(text: str) -> list[Fault]:
+    """Return all that is wrong with a TOML text as a plan, each at its line; empty where `parse_plan` takes it.
+
+    A key that is missing is told at the head of its section. As TOML that cannot be read goes no further, of that there
+    is one fault.
+
+    >>> plan_faults('name = "quick"\\n[pretension]\\npretension_mm = 2\\n')[0].line
+    3
+    """
+    try:
+        data = _read_data(text, "the plan", Plan, "plan")
+        Plan.model_validate(_frozen(data), strict=True)
+    except ValidationError as error:
+        faults = error.errors(include_url=False)
+        meant = set()
+        for fault in faults:
+            if fault["type"] == "extra_forbidden" and (name := _meant(fault["loc"], Plan)) is not None:
+                meant.add((*fault["loc"][:-1], name))
+        lines = _Lines(text)
+        told = [
+            Fault(lines.line_of(fault["loc"]), " ".join(_sentence(fault, Plan, "plan")[0].split()))
+            for fault in faults
+            if not (fault["type"] == "missing" and fault["loc"] in meant)
+        ]
+        return sorted(told, key=lambda one: one.line or 0)
+    except SpecError as trouble:
+        return [Fault(_told_line(str(trouble), text), str(trouble))]
+    return []
+
+
+def _told_line(sentence: str, text: str) -> int | None:
+    """Return the line that a sentence of the TOML parser names; its end of document is the last line with anything."""
+    if (named := re.search(r"\bline (\d+)", sentence)) is not None:
+        return int(named[1])
+    return text.rstrip().count("\n") + 1 if "end of document" in sentence else None
+
+
+_MOST_SEARCHED = 2_000_000  # characters that are parsed to find lines; a plan takes some thousands
+
+
+class _Statement(NamedTuple):
+    """A head of a section, or a key with its value. first, last: its lines, from 1. section: in which it stands."""
+
+    first: int
+    last: int
+    section: tuple[str, ...]
+    data: dict[str, Any]
+
+
+class _Lines:
+    """Lines of the statements of a TOML text that is valid: where the key at a path stands.
+
+    Each statement is valid TOML by itself, so the parser finds where it ends.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._lines = text.split("\n")
+        self._left = _MOST_SEARCHED
+        self._statements = list(self._found())
+
+    def line_of(self, location: Sequence[int | str]) -> int | None:
+        """Return the line, from 1, of the key or list entry at a path, else of the nearest that it lies in."""
+        best, depth = None, 0
+        for one in self._statements:
+            reached = _depth(one, location)
+            if reached > depth:
+                best, depth = one, reached
+        if best is None:
+            return None
+        entry = location[depth] if depth < len(location) else None
+        return self._entry_line(best, entry) if isinstance(entry, int) else best.first
+
+    def _entry_line(self, one: _Statement, index: int) -> int:
+        """Return the line of an entry of a list that goes over several lines: the first with which it has so many."""
+        for last in range(one.first, one.last):
+            found = self._parsed("\n".join([*self._lines[one.first - 1 : last], "]"]))
+            while isinstance(found, dict) and len(found) == 1:
+                (found,) = found.values()
+            if isinstance(found, list) and len(found) > index:
+                return last
+        return one.last if one.last > one.first else one.first
+
+    def _found(self) -> Iterator[_Statement]:
+        section: tuple[str, ...] = ()
+        first = 1
+        while first <= len(self._lines) and self._left > 0:
+            last, data = first, None
+            while last <= len(self._lines) and self._left > 0:
+                data = self._parsed("\n".join(self._lines[first - 1 : last]))
+                if data is not None:
+                    break
+                last += 1
+            if data:
+                is_head = self._lines[first - 1].lstrip().startswith("[")
+                section = _path(data) if is_head else section
+                yield _Statement(first, last, section if not is_head else (), data)
+            first = last + 1
+
+    def _parsed(self, text: str) -> dict[str, Any] | None:
+        self._left -= len(text)
+        try:
+            return tomllib.loads(text)
+        except (ValueError, RecursionError):
+            return None
+
+
+def _path(data: Any) -> tuple[str, ...]:
+    """Return the path of the section that a head opens."""
+    path: list[str] = []
+    while isinstance(data, dict) and data:
+        ((key, data),) = data.items()
+        path.append(key)
+    return tuple(path)
+
+
+def _depth(one: _Statement, location: Sequence[int | str]) -> int:
+    """Return how much of a path a statement reaches; 0 where it stands elsewhere."""
+    if tuple(location[: len(one.section)]) != one.section:
+        return 0
+    depth, data = len(one.section), one.data
+    while depth < len(location) and isinstance(data, dict) and location[depth] in data:
+        data, depth = data[str(location[depth])], depth + 1
+    return depth if depth > len(one.section) else 0
+
+
 def dump_rig(rig: RigSpec) -> str:
     """Return a rig as TOML, one line a parameter, such that `parse_rig` gives the same rig to the last bit.
 
@@ -337,6 +469,15 @@ def _save(text: str, path: Path) -> None:
 
 
 def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
+    data = _read_data(text, source, model, what)
+    try:
+        return model.model_validate(_frozen(data), strict=True)
+    except ValidationError as error:
+        raise SpecError(f"{source}: {complaint(error, model, what)}") from error
+
+
+def _read_data(text: str, source: str, model: type[_Spec], what: str) -> dict[str, Any]:
+    """Return the data of a text that may be a rig or a plan. Raises SpecError."""
     if len(text) > MOST_CHARACTERS:
         raise SpecError(f"{source} has {len(text)} characters, expected at most {MOST_CHARACTERS} of a {what}")
     if (deep := _DEEP.search(text)) is not None:
@@ -351,10 +492,7 @@ def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
     other, other_what = (Plan, "plan") if what == "rig" else (RigSpec, "rig")
     if _shared_keys(data, other) > _shared_keys(data, model):
         raise SpecError(f"{source} is a {other_what}, expected a {what}")
-    try:
-        return model.model_validate(_frozen(data), strict=True)
-    except ValidationError as error:
-        raise SpecError(f"{source}: {complaint(error, model, what)}") from error
+    return data
 
 
 def _shared_keys(data: dict[str, Any], model: type[BaseModel]) -> int:

@@ -172,6 +172,17 @@ def is_run_name(name: object) -> bool:
     return isinstance(name, str) and _NAME.fullmatch(name) is not None and name.lower() not in SHELVES
 
 
+def require_run_name(name: str) -> str:
+    """Return a name that a run may have. Raises RefusedError for another."""
+    if not is_run_name(name):
+        raise RefusedError(
+            422,
+            f"found {name[:100]!r} for a run's name, expected up to 80 letters, digits, '.', '_' or '-', "
+            "the first a letter or a digit",
+        )
+    return name
+
+
 def unlinked(folder: Path) -> Path:
     """Return a run's folder, if neither it nor what lies in it is a link. Raises FileError for one that is."""
     found = folder.name if folder.is_symlink() else None
@@ -210,7 +221,13 @@ def open_inside(root: Path, path: Path) -> BinaryIO:
 
 @contextmanager
 def held_inside(root: Path, path: Path) -> Iterator[Path]:
-    """Give a name under which a file below a folder can be opened, the one that was found through no link."""
+    """Give a name under which a file below a folder can be opened, the one that was found through no link.
+
+    A FileError that tells that name tells the file's own instead.
+    """
     with open_inside(root, path) as file:
         held = Path(f"/dev/fd/{file.fileno()}")
-        yield held if held.exists() else path
+        try:
+            yield held if held.exists() else path
+        except FileError as error:
+            raise FileError(str(error).replace(str(held), path.name)) from error

@@ -23,7 +23,7 @@ import psutil
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.bench.run_control import CONTROL, own_text
-from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
+from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, require_run_name, unlinked
 from sinew.bench.record.journal import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.plan import require_motors
@@ -270,13 +270,7 @@ def make_folder(runs: Path, name: str, plan: str, rig: str) -> Path:
 
     Raises RefusedError where the name is none (422), is in use (409) or the disk takes no folder (409).
     """
-    if not is_run_name(name):
-        raise RefusedError(
-            422,
-            f"found {name[:100]!r} for a run's name, expected up to 80 letters, digits, '.', '_' or '-', "
-            "the first a letter or a digit",
-        )
-    folder = runs / name
+    folder = runs / require_run_name(name)
     try:
         folder.mkdir()
         (folder / "plan.toml").write_text(plan, encoding="utf-8")

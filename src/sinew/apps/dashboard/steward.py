@@ -44,6 +44,14 @@ from sinew.apps.dashboard.run_desk import (
     end_process,
     sinew_command,
 )
+from sinew.apps.dashboard.work.runs import (
+    bin_run,
+    note_run,
+    put_on_shelf,
+    rename_run,
+    restore_run,
+    take_off_shelf,
+)
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
@@ -305,10 +313,32 @@ class SteeringCommand(BaseModel):
 
     ticket: Annotated[str, Field(max_length=64)]
     number: Annotated[int, Field(ge=1, le=2**53)]
-    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop"]
+    command: Literal[
+        "take",
+        "give",
+        "start",
+        "continue",
+        "pause",
+        "resume",
+        "hold",
+        "release",
+        "stop",
+        "rename",
+        "bin",
+        "restore",
+        "note",
+        "shelve",
+        "unshelve",
+    ]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
+    to: _Text | None = None
+    notes: _Text | None = None
+    tags: Annotated[list[_Text], Field(max_length=100)] | None = None
+    shelf: Literal["rigs", "plans"] | None = None
+    text: _Text | None = None
+    replace: bool = False
 
 
 class Helm(Protocol):
@@ -329,6 +359,12 @@ class Helm(Protocol):
 
     def tell(self, command: str) -> str:
         """Tell the run something. Raises RefusedError."""
+
+    def keep(self, command: SteeringCommand) -> str:
+        """Rename, note, put away or take back a run that has ended. Raises RefusedError."""
+
+    def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
+        """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""
 
     def emergency(self) -> Awaitable[Outcome]:
         """Bring the bench to rest at once."""
@@ -420,6 +456,13 @@ class _Desk:
             if command.name is None:
                 raise RefusedError(422, "found no name; expected that of the run to go on with")
             return await asyncio.to_thread(self._helm.go_on, command.name)
+        if command.command in ("rename", "bin", "restore", "note"):
+            return await asyncio.to_thread(self._helm.keep, command)
+        if command.command in ("shelve", "unshelve"):
+            text = command.text if command.command == "shelve" else None
+            if command.shelf is None or command.name is None or (text is None) != (command.command == "unshelve"):
+                raise RefusedError(422, "found no shelf, name or text; expected what to keep, and where")
+            return await asyncio.to_thread(self._helm.shelve, command.shelf, command.name, text, command.replace)
         if command.command != "start":
             return await asyncio.to_thread(self._helm.tell, command.command)
         if command.plan is None or command.rig is None or command.name is None:
@@ -563,6 +606,23 @@ class Steward:
     def go_on(self, name: str) -> str:
         """Go on with a run that ended early, and return a sentence. Raises RefusedError."""
         return self._desk.go_on(name, self._free_bench)
+
+    def keep(self, command: SteeringCommand) -> str:
+        """Rename, note, put away or take back a run that has ended, and return a sentence. Raises RefusedError."""
+        name, run = command.name or "", self._desk.run
+        if command.command == "note":
+            return note_run(self._runs, name, command.notes or "", command.tags or [])
+        if run is not None and run.name == name:
+            raise RefusedError(409, f"the run {name} is under way; end it first")
+        if command.command == "rename":
+            return rename_run(self._runs, name, command.to or "")
+        return (bin_run if command.command == "bin" else restore_run)(self._runs, name)
+
+    def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
+        """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""
+        if text is None:
+            return take_off_shelf(self._runs, shelf, name)
+        return put_on_shelf(self._runs, shelf, name, text, replace=replace)
 
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.

@@ -5,7 +5,8 @@ import math
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -121,14 +122,34 @@ def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
     The content hash is that of the values as a reader gets them. Raises FileError where the file cannot be written.
     """
     stored = dataset.assign_attrs(content_hash=content_hash(dataset))
-    encoding: dict[str, dict[str, Any]] = {}
-    for name in stored.variables:
-        if stored[name].dtype.kind in "fi" and stored[name].size > 4096:
-            encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-    for name in stored.variables:
-        if stored[name].dtype.kind == "f":
-            encoding.setdefault(str(name), {})["_FillValue"] = None
+    encoding = {str(name): _encoding(stored[name].variable) for name in stored.variables}
     write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
+
+
+_SMALL, _STRETCHES, _STRETCH, _WORTH, _CHUNK = 4096, 8, 1 << 13, 0.25, 1 << 20
+
+
+def _encoding(variable: xr.Variable) -> dict[str, Any]:
+    """Return how a variable is stored: deflated where stretches of it shrink to a quarter, else as it is.
+
+    Deflating takes 50 times the time of writing. Of a campaign's 110 MB it brings the tendons' counts, 54 MB, to 3;
+    noise and time stamps shrink by half at best, and take two thirds of the time.
+    """
+    how: dict[str, Any] = {"_FillValue": None} if variable.dtype.kind == "f" else {}
+    if variable.dtype.kind not in "fi" or variable.size <= _SMALL:
+        return how
+    rows = np.ascontiguousarray(variable.values)
+    row = max(1, rows[:1].nbytes)
+    long = max(1, _STRETCH // row)
+    some = b"".join(rows[i : i + long].tobytes() for i in np.linspace(0, len(rows) - long, _STRETCHES).astype(int))
+    if len(zlib.compress(some, 1)) > _WORTH * len(some):
+        return how
+    return {**how, "zlib": True, "complevel": 1, "shuffle": False, "chunksizes": _chunks(variable.shape, row)}
+
+
+def _chunks(shape: tuple[int, ...], row: int) -> tuple[int, ...]:
+    """Return chunks of whole rows of so many bytes, about a megabyte each."""
+    return (min(shape[0], max(1, _CHUNK // row)), *shape[1:])
 
 
 def _unpacked(path: Path) -> int:
@@ -202,6 +223,33 @@ def load_dataset(path: Path | str) -> xr.Dataset:
     if claimed is not None and claimed != content_hash(dataset):
         raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
     return upgrade_results(dataset)
+
+
+def load_part(path: Path | str, names: Collection[str]) -> xr.Dataset:
+    """Return some variables of a NetCDF file with its attributes, in today's shape; those that are absent are left out.
+
+    names: may be empty, for the attributes alone. Nothing else is read, so neither content hash nor schema are checked.
+    Raises FileError where the file is absent, damaged, or declares more than `sinew.measure.doors.most_bytes` for them.
+    """
+    import netCDF4
+
+    path = as_path(path)
+    if not is_netcdf(path):
+        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
+    try:
+        with netCDF4.Dataset(path, "r") as opened:
+            opened.set_auto_mask(False)
+            attrs = {name: opened.getncattr(name) for name in opened.ncattrs()}
+            found = {name: opened.variables[name] for name in names if name in opened.variables}
+            if sum(8 * math.prod(one.shape) for one in found.values()) > most_bytes():
+                raise FileError(f"{path} declares more numbers than there is memory for; write it anew")
+            parts = {
+                name: (one.dimensions, one[:], {"units": str(getattr(one, "units", ""))}) for name, one in found.items()
+            }
+    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path} is a damaged NetCDF file ({reason}); copy or write it anew") from error
+    return upgrade_results(xr.Dataset(parts, attrs=attrs))
 
 
 def save_recording(recording: xr.Dataset, path: Path | str) -> None:

@@ -1,12 +1,16 @@
-"""The design page: sliders of a joint, and what the equations say of it at once."""
+"""The design page: sliders of a joint, what the equations say of it at once, and joints side by side."""
 
 import asyncio
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from nicegui import ui
 
+from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
+from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -14,6 +18,34 @@ from sinew.plan.toml import parse_rig
 _THROTTLE_S = 0.05
 _SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)
+_MOST_KEPT = 5
+_LETTERS = "ABCDE"
+_KEEP = "sinew-design"
+
+
+class _Size(NamedTuple):
+    """What a slider sets. key, scale: of the option of `sinew predict` that it is, times its value; None: of no rig."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    key: str | None = None
+    scale: float = 1.0
+
+
+_SIZES = {
+    "length_mm": _Size("Length of the silicone", "mm", 60.0, 150.0, 1.0, "length_mm"),
+    "outer_mm": _Size("Diameter of the silicone", "mm", 40.0, 80.0, 0.5, "outer_mm"),
+    "tendon_circle_mm": _Size("Radius of the guides' circle", "mm", 15.0, 60.0, 0.5, "tendon_circle_mm"),
+    "lever_g_m2": _Size("Inertia of the lever", "g m²", 4.0, 20.0, 0.1, "lever_inertia_kg_m2", 1e-3),
+    "pretension_mm": _Size("Pretension", "mm", 0.0, 12.0, 0.25),
+    "amplitude_deg": _Size("Amplitude of the command", "°", 2.0, 30.0, 0.5),
+    "wanted_hz": _Size("Wanted resonance", "Hz", 1.0, 6.0, 0.05),
+}
+_DRAWN_ONLY = "wanted_hz"
+"""It moves a mark, and nothing is computed for it."""
 
 
 def add_design_page(site: Site) -> None:
@@ -26,8 +58,28 @@ def add_design_page(site: Site) -> None:
             sliders = _Sliders(site)
             sliders.lay_out()
             await ui.context.client.connected()
-            await sliders.change()
-            site.work.warm_up()
+            await sliders.begin()
+
+
+@dataclass
+class _Joint:
+    """A joint with its curve. name: in legend and table. values: of the sliders. found: of `design_curves`, or None
+    while it is not computed. number: which colour."""
+
+    name: str
+    values: dict[str, float]
+    number: int
+    found: dict[str, Any] | None = None
+    is_fine: bool = False
+
+
+@dataclass
+class _Row:
+    """What is laid out for one slider."""
+
+    slider: ui.slider
+    number: ui.number
+    reset: ui.element
 
 
 class _Sliders:
@@ -36,19 +88,35 @@ class _Sliders:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._rig_toml = site.rig_text(site.rig)
-        self._values = _sizes(parse_rig(self._rig_toml))
+        self._built = _sizes(parse_rig(self._rig_toml))
+        self._as_built = _Joint("as built", dict(self._built), 1)
+        self._now = _Joint("this joint", dict(self._built), 0)
+        self._kept: list[_Joint] = []
+        self._rows: dict[str, _Row] = {}
+        self._best = 0.0
+        self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
 
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
         with ui.element("div").classes("sinew-grid"):
             with card("Joint", 4):
-                for key, label, low, high, step in _SLIDERS:
-                    self._slider(key, label, low, high, step)
-                self._suggest = ui.button("Suggest a pretension", on_click=self._suggested).props(
-                    "id=sinew-suggest no-caps unelevated color=primary"
-                )
+                for key, size in _SIZES.items():
+                    self._slider(key, size)
+                with ui.element("div").classes("sinew-row"):
+                    self._keep = plain_button("Keep this joint", "sinew-keep", self._pin)
+                    plain_button("Reset all", "sinew-reset", lambda: self._put(self._built))
+                with ui.element("div").classes("sinew-row"):
+                    self._suggest = plain_button("Suggest a pretension", "sinew-suggest", self._suggested)
+                    self._use = plain_button("Use it", "sinew-use", self._use_suggestion)
+                    self._use.set_visibility(False)
                 self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
+                with ui.element("div").classes("sinew-row"):
+                    self._name = ui.input("Name of the rig", value="my joint").props(
+                        "outlined dense for=sinew-rig-name"
+                    )
+                    plain_button("Save as rig", "sinew-rig-save", self._save, needs_operator=True)
+                    plain_button("Download", "sinew-rig-download", self._download)
             with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12):
                     self._gain = Curves("gain")
@@ -59,90 +127,241 @@ class _Sliders:
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     with self._notes:
                         empty("The equations are being compiled; that takes some seconds once.")
+                    self._checks = ui.element("div").classes("sinew-stack")
+                with card("Joints side by side", 12):
+                    self._table = (
+                        ui.element("div").classes("sinew-scroll").props('tabindex=0 role=region aria-label="Joints"')
+                    )
 
-    def _slider(self, key: str, label: str, low: float, high: float, step: float) -> None:
-        with ui.element("div").classes("w-full"):
-            said = ui.label().props(f"id=sinew-label-{key}")
-            slider = ui.slider(min=low, max=high, step=step, value=self._values[key])
-            slider.props(f'id=sinew-slider-{key} aria-label="{label}" dense')
-
-        def write() -> None:
-            said.set_text(f"{label.rpartition(' / ')[0]}: {self._values[key]:g} {label.rpartition(' / ')[2]}")
+    def _slider(self, key: str, size: _Size) -> None:
+        value, called = self._now.values[key], f"{size.name} / {size.unit}"
+        with ui.element("div").classes("sinew-slider"):
+            ui.html(f"{size.name}", sanitize=False, tag="label").props(f"id=sinew-label-{key}")
+            slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
+            slider.props(f'id=sinew-slider-{key} aria-label="{called}" dense')
+            number = ui.number(value=value, min=size.low, max=size.high, step=size.step, suffix=size.unit)
+            number.props(f'for=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
+            reset = plain_button("Reset", f"sinew-reset-{key}", lambda: self._put({key: self._built[key]}))
+            reset.props(f'disabled aria-label="Reset: {size.name}"')
+        self._rows[key] = _Row(slider, number, reset)
 
         async def moved(event: Any) -> None:
-            value = float(event.args)
-            if value == self._values[key]:
-                return  # the last of a burst comes twice
-            self._values[key] = value
-            write()
-            await self.change()
+            await self._put({key: float(event.args)})
+
+        async def typed(event: Any) -> None:
+            if event.value is not None and size.low <= event.value <= size.high:
+                await self._put({key: float(event.value)})
 
         slider.on("update:model-value", moved, throttle=_THROTTLE_S, leading_events=True, trailing_events=True)
-        write()
+        number.on_value_change(typed)
 
-    async def change(self) -> None:
+    async def begin(self) -> None:
+        """Show the joint that was designed here last, else the rig as built, and compile the rest meanwhile."""
+        kept = await recall(_KEEP)
+        known = _values_of(kept, self._built)
+        if known:
+            self._now.values = known[0]
+            for values in known[1:]:
+                self._pinned(values)
+        for key in _SIZES:
+            self._show_value(key)
+        self._tabulate()
+        await self._change()
+        self._site.work.warm_up()
+        for joint in (self._as_built, *self._kept):
+            await self._finish(joint)
+
+    async def _put(self, values: Mapping[str, float]) -> None:
+        """Set some sliders, and show what comes of it."""
+        changed = [key for key, value in values.items() if value != self._now.values[key]]
+        if not changed:
+            return  # the last of a burst comes twice, and slider and number tell each other
+        self._now.values |= {key: values[key] for key in changed}
+        for key in changed:
+            self._show_value(key)
+        remember(_KEEP, [one.values for one in (self._now, *self._kept)])
+        if changed == [_DRAWN_ONLY]:
+            self._draw()
+        else:
+            await self._change()
+
+    def _show_value(self, key: str) -> None:
+        row, value = self._rows[key], self._now.values[key]
+        row.slider.set_value(value)
+        row.number.set_value(value)
+        is_built = value == self._built[key]
+        row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
+
+    async def _change(self) -> None:
         """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
         self._turn += 1
-        turn = self._turn
+        turn, self._now.is_fine = self._turn, False
         await self._compute(turn, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
             await self._compute(turn, fine=True)
 
     async def _compute(self, turn: int, *, fine: bool) -> None:
-        changes = {key: self._values[key] for key, *_ in _SLIDERS if key not in _NOT_THE_RIG}
-        values = self._values
-        asked: list[Any] = [self._rig_toml, changes, values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
-        name = "design_curves" if fine else "sketch_curves"
+        name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
         try:
-            found = await self._site.work.call(name, *asked, *([True] if fine else []), key=f"{name} {id(self)}")
+            found = await self._curves_of(values, name, key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
-        if found is not None and (turn == self._turn or not fine):
-            self._show(found, fine)
+        if found is None or (fine and turn != self._turn) or self._table.is_deleted:
+            return
+        if "trouble" not in found:
+            self._now.found, self._now.is_fine = found, fine
+        self._draw()
+        self._tell(found, fine)
+        if fine:
+            self._tabulate()
 
-    def _show(self, found: dict[str, Any], fine: bool) -> None:
+    async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
+        asked = [self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
+        return await self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+
+    def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return what differs from the rig as built, as options of `sinew predict`."""
+        sizes = {key: size for key, size in _SIZES.items() if size.key is not None and values[key] != self._built[key]}
+        return {str(size.key): size.scale * values[key] for key, size in sizes.items()}
+
+    async def _finish(self, joint: _Joint) -> None:
+        """Compute the refined curve of a joint that stands beside the present one."""
+        try:
+            joint.found = await self._curves_of(joint.values, "design_curves")
+        except SinewError as trouble:
+            ui.notify(str(trouble), type="negative")
+            return
+        joint.is_fine = True
+        if not self._table.is_deleted:
+            self._draw()
+            self._tabulate()
+
+    def _draw(self) -> None:
+        """Draw what is known of all joints; it computes nothing."""
+        joints = [one for one in (self._now, self._as_built, *self._kept) if one.found is not None]
+        folds = self._now.found["folds"] if self._now.found else []
+        marks = [(f["frequency_hz"], f["gain"], "fold") for f in folds]
+        for curves, what, marked in ((self._gain, "gain", marks), (self._phase, "phase_deg", [])):
+            curves.marked_hz, curves.marks = self._now.values[_DRAWN_ONLY], marked
+            curves.draw([_curve(one, what) for one in joints])
+
+    def _tell(self, found: dict[str, Any], fine: bool) -> None:
         self._notes.clear()
         with self._notes:
             if "trouble" in found:
-                ui.label(found["trouble"]).classes("sinew-bad")
+                ui.label(found["trouble"]).props("role=alert").classes("sinew-bad")
                 return
             for sentence in _sentences(found, fine):
                 ui.label(sentence).props("id=sinew-peak" if sentence.startswith("Largest") else "")
-            for check in found["validity"]:
-                if not check["holds"]:
-                    ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
-        marks = [(f["frequency_hz"], f["gain"], "fold") for f in found["folds"]]
-        for curves, values, marked in ((self._gain, "gain", marks), (self._phase, "phase_deg", [])):
-            curves.marked_hz, curves.marks = self._values["wanted_hz"], marked
-            curves.draw([Curve("this joint", found["frequency_hz"], found[values], (), (), True, found["stable"], 0)])
+        if found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
+            self._checks.clear()
+            with self._checks:
+                for check in found["validity"]:
+                    if not check["holds"]:
+                        ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
+
+    # Joints are kept beside the present one.
+
+    def _pinned(self, values: Mapping[str, float]) -> _Joint:
+        taken = {one.name for one in self._kept}
+        letter = next(letter for letter in _LETTERS if f"joint {letter}" not in taken)
+        self._kept.append(_Joint(f"joint {letter}", dict(values), 2 + _LETTERS.index(letter)))
+        return self._kept[-1]
+
+    async def _pin(self) -> None:
+        if len(self._kept) >= _MOST_KEPT:
+            ui.notify(f"{_MOST_KEPT} joints are kept already; remove one first.", type="warning")
+            return
+        joint = self._pinned(self._now.values)
+        if self._now.is_fine:
+            joint.found, joint.is_fine = self._now.found, True
+        self._note_kept()
+        if not joint.is_fine:
+            await self._finish(joint)
+
+    def _unpin(self, joint: _Joint) -> None:
+        self._kept.remove(joint)
+        self._note_kept()
+
+    def _note_kept(self) -> None:
+        remember(_KEEP, [one.values for one in (self._now, *self._kept)])
+        self._draw()
+        self._tabulate()
+
+    def _tabulate(self) -> None:
+        """Lay the joints side by side, with how each differs from the rig as built."""
+        self._table.clear()
+        with self._table, ui.element("table").classes("sinew-joints"):
+            with ui.element("thead"), ui.element("tr"):
+                for text in _HEADS:
+                    _cell("th", text, "scope=col")
+            with ui.element("tbody"):
+                for joint in (self._as_built, self._now, *self._kept):
+                    self._joint_row(joint)
+
+    def _joint_row(self, joint: _Joint) -> None:
+        with ui.element("tr"):
+            _cell("th", joint.name, "scope=row")
+            _cell("td", _different(joint.values, self._built))
+            built = None if joint is self._as_built else self._as_built.found
+            for text in _numbers(joint.found if joint.is_fine else None, built):
+                _cell("td", text)
+            with ui.element("td"):
+                if joint in self._kept:
+                    with ui.element("div").classes("sinew-row"):
+                        plain_button("Use", "", lambda: self._put(joint.values)).props(f'aria-label="Use {joint.name}"')
+                        plain_button("Remove", "", lambda: self._unpin(joint)).props(
+                            f'aria-label="Remove {joint.name}"'
+                        )
+
+    # A pretension is suggested, and a joint becomes a rig.
 
     async def _suggested(self) -> None:
-        self._suggestion.set_text("Looking for it; this takes some seconds.")
-        changes = {key: self._values[key] for key, *_ in _SLIDERS if key not in _NOT_THE_RIG}
+        self._suggestion.set_text("Looking for it.")
+        self._suggest.props("disabled")
+        self._use.set_visibility(False)
+        values = dict(self._now.values)
+        asked = self._rig_toml, self._changes(values), values["wanted_hz"], values["amplitude_deg"]
         try:
-            found = await self._site.work.call(
-                "suggest_pretension", self._rig_toml, changes, self._values["wanted_hz"], self._values["amplitude_deg"]
-            )
+            found = await self._site.work.call("suggest_pretension", *asked)
         except SinewError as trouble:
-            self._suggestion.set_text(str(trouble))
-            return
-        if found["pretension_mm"] is None:
+            found = {"pretension_mm": None, "sentence": str(trouble)}
+        self._suggest.props(remove="disabled")
+        best = found["pretension_mm"]
+        if best is None:
             self._suggestion.set_text(found["sentence"])
             return
-        self._suggestion.set_text(f"{quantity(found['pretension_mm'], 'mm')}: {found['sentence']}")
+        self._suggestion.set_text(f"{quantity(best, 'mm')}: {found['sentence']}")
+        self._best = round(best["value"], 2)
+        self._use.set_visibility(True)
 
+    async def _use_suggestion(self) -> None:
+        size = _SIZES["pretension_mm"]
+        await self._put({"pretension_mm": min(max(self._best, size.low), size.high)})
 
-_NOT_THE_RIG = ("pretension_mm", "amplitude_deg", "wanted_hz")
-_SLIDERS = (
-    ("length_mm", "Length of the silicone / mm", 60.0, 150.0, 1.0),
-    ("outer_mm", "Diameter of the silicone / mm", 40.0, 80.0, 0.5),
-    ("tendon_circle_mm", "Radius of the guides' circle / mm", 15.0, 60.0, 0.5),
-    ("lever_inertia_kg_m2", "Inertia of the lever / kg m²", 0.004, 0.02, 0.0002),
-    ("pretension_mm", "Pretension / mm", 0.0, 12.0, 0.25),
-    ("amplitude_deg", "Amplitude of the command / °", 2.0, 30.0, 0.5),
-    ("wanted_hz", "Wanted resonance / Hz", 1.0, 6.0, 0.05),
-)
+    async def _rig(self) -> tuple[str, str] | None:
+        """Return (name of its file, text) of the present joint as a rig; None where it cannot be one."""
+        name = (self._name.value or "").strip()
+        if not is_run_name(name.replace(" ", "_")):
+            ui.notify("The rig needs a name of letters, digits, dots, dashes and spaces.", type="negative")
+            return None
+        try:
+            text = await self._site.work.call("rig_text", self._rig_toml, self._changes(self._now.values), name)
+        except SinewError as trouble:
+            ui.notify(str(trouble), type="negative")
+            return None
+        return f"{name.removesuffix('.toml')}.toml", text
+
+    async def _save(self) -> None:
+        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
+        if (made := await self._rig()) is not None:
+            told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
+            self._replacing = made[0] if (await steer("shelve", told)).get("code") == 409 else None
+
+    async def _download(self) -> None:
+        if (made := await self._rig()) is not None:
+            ui.download.content(made[1], made[0])
 
 
 def _sizes(rig: RigSpec) -> dict[str, float]:
@@ -151,14 +370,76 @@ def _sizes(rig: RigSpec) -> dict[str, float]:
         "length_mm": round(1e3 * rig.silicone.length.value, 1),
         "outer_mm": round(1e3 * rig.silicone.diameter.value * 2) / 2,
         "tendon_circle_mm": round(1e3 * rig.tendons.head_radius.value * 2) / 2,
-        "lever_inertia_kg_m2": round(rig.inertia.lever.value, 4),
+        "lever_g_m2": round(1e3 * rig.inertia.lever.value, 1),
         "pretension_mm": 4.0,
         "amplitude_deg": 20.0,
         "wanted_hz": 3.6,
     }
 
 
-def _sentences(found: dict[str, Any], fine: bool) -> list[str]:
+def _values_of(kept: Any, built: Mapping[str, float]) -> list[dict[str, float]]:
+    """Return the sliders' values of what a browser keeps, the present joint first, as far as they can be meant."""
+    found = []
+    for told in kept if isinstance(kept, list) else []:
+        values = dict(built)
+        for key, size in _SIZES.items():
+            number = told.get(key) if isinstance(told, dict) else None
+            if isinstance(number, (int, float)) and size.low <= number <= size.high:
+                values[key] = float(number)
+        found.append(values)
+    return found[: 1 + _MOST_KEPT]
+
+
+def _curve(joint: _Joint, what: str) -> Curve:
+    assert joint.found is not None
+    found = joint.found
+    return Curve(joint.name, found["frequency_hz"], found[what], (), (), True, found["stable"], joint.number)
+
+
+_HEADS = (
+    "joint",
+    "differs from the rig in",
+    "resonance f / Hz (90° of lag)",
+    "difference / %",
+    "largest gain",
+    "difference / %",
+    "at / Hz",
+    "damping D (slope of the lag)",
+    "use it, or remove it",
+)
+
+
+def _numbers(found: dict[str, Any] | None, built: dict[str, Any] | None) -> list[str]:
+    """Return the cells of a joint: resonance, gain, where that is, damping; and how the first two differ."""
+    if found is None:
+        return ["…"] * 6
+
+    def told(what: str, part: str, digits: int) -> tuple[str, str]:
+        mark, other = found[what], built and built[what]
+        if mark is None:
+            return "–", "–"
+        difference = "" if not other else f"{100 * (mark[part] / other[part] - 1):+.1f}"
+        return f"{mark[part]:.{digits}f}", difference
+
+    damping = "–" if found["damping"] is None else f"{found['damping']:.3f}"
+    return [*told("phase_90", "frequency_hz", 3), *told("peak", "gain", 3), told("peak", "frequency_hz", 3)[0], damping]
+
+
+def _different(values: Mapping[str, float], built: Mapping[str, float]) -> str:
+    told = [
+        f"{size.name.lower()} {values[key]:g} {size.unit}"
+        for key, size in _SIZES.items()
+        if key != _DRAWN_ONLY and values[key] != built[key]
+    ]
+    return ", ".join(told) or "nothing"
+
+
+def _cell(tag: str, text: str, props: str = "") -> None:
+    with ui.element(tag).props(props):
+        ui.label(text)
+
+
+def _sentences(found: dict[str, Any], fine: bool) -> Sequence[str]:
     """Return what is to be said of a predicted curve."""
     peak, lag, folds = found["peak"], found["phase_90"], len(found["folds"])
     said = []

@@ -1,8 +1,11 @@
-"""The plan page: a plan chosen, edited, previewed and started."""
+"""The plan page: a plan chosen, edited, previewed, kept on the shelf and started."""
 
 import asyncio
+import html
 import json
 import math
+import re
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
@@ -10,12 +13,17 @@ from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, framed, heading
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.measure.errors import SinewError
+from sinew.plan.toml import MOST_CHARACTERS
 
 _TYPING_S = 0.4
-_FIRST_PLAN = "first"
+_ANSWER_S = 10.0
+_FIRST_PLAN, _QUICK_PLAN = "first", "quick"
 _ANEW = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
+_AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
+_DRAFTS = "sinew-plans"
+_MOST_DRAFTS = 10
 
 
 def add_plan_page(site: Site) -> None:
@@ -24,6 +32,7 @@ def add_plan_page(site: Site) -> None:
     @ui.page("/plan")
     async def plan() -> None:
         with framed(site, "Plan", "/plan"):
+            ui.add_body_html(f'<script type="module" src="/sinew/plan.js?{site.version}"></script>')
             heading("Plan a run")
             desk = _Desk(site)
             desk.lay_out()
@@ -37,63 +46,117 @@ class _Desk:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._rig = site.rig
+        self._plan = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
+        self._shelved = ""  # the plan's text as it is on the shelf
+        self._drafts: dict[str, str] = {}  # by plan: texts that differ from the shelf's; the browser keeps them, too
+        self._replacing: str | None = None  # what the next saving may take the place of
         self._toml: str | None = None  # what was previewed and may start
         self._turn = 0
 
     def lay_out(self) -> None:
         """Lay out the page, without a plan yet."""
         with ui.element("div").classes("sinew-grid"):
-            with card("What to run", 6):
-                self._choice = ui.element("div").classes("sinew-stack")
-                self._text = ui.textarea("Plan as TOML", on_change=self._check)
-                self._text.props("borderless stack-label autogrow input-class=sinew-code spellcheck=false").classes(
-                    "w-full"
-                )
+            with card("Start", 12):
+                # Above what grows, so that it keeps its place; steering.js knows whether this page may start.
+                with ui.element("div").classes("sinew-row"):
+                    self._start = ui.element("button").props("id=sinew-start type=button data-ready=no disabled")
+                    self._start.classes("sinew-button main").on("click", self._ask_to_start)
+                    with self._start:
+                        ui.html("Start", sanitize=False, tag="span")
+                    ui.html('<span id="sinew-start-why" class="sinew-soft"></span>', sanitize=False, tag="span")
+                    self._length = ui.label().props("id=sinew-duration")
+                self._choice = ui.element("div").classes("sinew-fields")
+            with card("What the bench does, and when", 12):
+                self._timeline = ui.element("div").classes("sinew-stack sinew-timeline-place")
+            with card("Plan", 6):
+                with ui.element("div").props("id=sinew-plan-text").classes("sinew-editor"):
+                    self._text = ui.codemirror(language="TOML", indent="  ", on_change=self._edited)
+                self._state = ui.label().props("id=sinew-plan-state role=status").classes("sinew-soft")
+                with ui.element("div").classes("sinew-row"):
+                    self._name = ui.input("Name on the shelf", validation={"letters, digits and . _ -": _is_file_name})
+                    self._name.props("outlined dense for=sinew-plan-name")
+                    self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
+                    self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
+                    self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
-                    # Above what grows, so that it keeps its place; steering.js knows whether this page may start.
-                    with ui.element("div").classes("sinew-row"):
-                        self._start = ui.element("button").props("id=sinew-start type=button data-ready=no disabled")
-                        self._start.classes("sinew-button main").on("click", self._ask_to_start)
-                        with self._start:
-                            ui.html("Start", sanitize=False, tag="span")
-                        ui.html('<span id="sinew-start-why" class="sinew-soft"></span>', sanitize=False, tag="span")
                     self._preview = ui.element("div").classes("sinew-stack")
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
+        with ui.dialog().props('aria-label="Delete the plan"') as self._sure, ui.card():
+            self._question = ui.label()
+            with ui.element("div").classes("sinew-row"):
+                plain_button("Delete", "sinew-plan-delete-sure", self._unshelve)
+                plain_button("Keep it", "sinew-plan-delete-not", self._sure.close)
 
     async def begin(self) -> None:
-        """Offer what is on the shelves, take the first plan and preview it."""
+        """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
+        self._drafts, chosen = _texts(await recall(_DRAFTS))
         shelves = await self._site.work.call("shelf", str(self._site.runs))
+        if chosen is not None and chosen in {row["name"] for row in shelves["plans"]}:
+            self._plan = chosen
         with self._choice:
             self._choose(shelves)
-        await self._take(_FIRST_PLAN)
+        await self._take(self._plan)
 
     def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
         rigs = {row["name"]: row["name"] for row in shelves["rigs"]} | {self._rig: self._rig}
-        plans = {
-            row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in shelves["plans"]
-        }
         name = f"run-{datetime.now():%Y%m%d-%H%M%S}"
         letters: Any = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
+        self._plans = ui.select(
+            _plans_in_words(shelves), value=self._plan, label="Begin with the plan", on_change=self._change_plan
+        )
         rig = ui.select(rigs, value=self._rig, label="Rig", on_change=self._change_rig)
-        plan = ui.select(plans, value=_FIRST_PLAN, label="Begin with the plan", on_change=lambda e: self._take(e.value))
-        self._name = ui.input("Name of the run's folder", value=name, validation=letters)
-        for made in (rig, plan, self._name):
+        self._run = ui.input("Name of the run's folder", value=name, validation=letters)
+        for made in (self._plans, rig, self._run):
             made.props("outlined dense").classes("w-full")
 
+    async def _change_plan(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        if event.value != self._plan:
+            await self._take(event.value)
+
     async def _take(self, name: str) -> None:
-        """Take a plan of the shelf."""
+        """Take a plan of the shelf, with what was changed in it before."""
         try:
             text = await self._site.work.call("read_shelf", "plans", name, str(self._site.runs))
         except SinewError as trouble:
             ui.notify(str(trouble), type="negative")
             return
-        self._text.set_value(text)
+        self._plan, self._shelved = name, text
+        self._name.set_value(name.removesuffix(".toml") if _is_own(name) else f"my {name}")
+        was = self._text.value
+        self._text.set_value(self._drafts.get(name, text))
+        if self._text.value == was:
+            await self._edited()
+
+    def _take_shelved(self) -> None:
+        self._text.set_value(self._shelved)
 
     async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
         await self._check()
+
+    async def _edited(self) -> None:
+        """Keep what was typed, in the browser, and look at it."""
+        self._drafts.pop(self._plan, None)
+        if self._text.value != self._shelved and len(self._text.value) <= MOST_CHARACTERS:
+            self._drafts[self._plan] = self._text.value
+        while len(self._drafts) > _MOST_DRAFTS:
+            del self._drafts[next(iter(self._drafts))]
+        remember(_DRAFTS, {"plan": self._plan, "drafts": self._drafts})
+        self._tell_state()
+        await self._check()
+
+    def _tell_state(self) -> None:
+        is_changed, own = self._text.value != self._shelved, _is_own(self._plan)
+        where = f"{self._plan} on the shelf" if own else f"the plan {self._plan} that ships with Sinew"
+        if is_changed:
+            self._state.set_text(f"Changed: this browser keeps it, {where} is as it was.")
+        else:
+            self._state.set_text(f"{'Saved' if own else 'Unchanged'}: as {where}.")
+        self._state.classes(replace="sinew-warn" if is_changed else "sinew-soft")
+        self._delete.props(f"data-operator={'ready' if own else 'no'}")
+        self._discard.props(remove="disabled") if is_changed else self._discard.props("disabled")
 
     async def _check(self) -> None:
         """Say what is wrong with the plan, or preview it, once nobody has typed for a moment."""
@@ -101,35 +164,91 @@ class _Desk:
         turn, toml = self._turn, self._text.value
         self._offer(None)
         await asyncio.sleep(_TYPING_S)
-        if turn != self._turn:
+        if self._is_past(turn):
             return
+        outline = await self._tried("plan_outline", toml)
+        if self._is_past(turn) or outline is None:
+            return
+        self._mark(toml, outline.get("faults", []))
         self._preview.clear()
         with self._preview:
+            if "trouble" in outline or outline["faults"]:
+                self._say_faults(outline)
+                return
+            self._draw_timeline(outline["stages"])
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
         try:
             rig = self._site.rig_text(self._rig)
-            found = await self._site.work.call("preview_document", toml, rig, key=f"preview {id(self)}")
         except SinewError as trouble:
-            found = {"trouble": str(trouble)}
-        if turn == self._turn and found is not None:
+            found: dict[str, Any] | None = {"trouble": str(trouble)}
+        else:
+            found = await self._tried("preview_document", toml, rig)
+        if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None)
 
+    def _is_past(self, turn: int) -> bool:
+        """Return whether something else was typed since, or the page was left."""
+        return turn != self._turn or self._text.is_deleted
+
+    async def _tried(self, name: str, *arguments: Any) -> dict[str, Any] | None:
+        try:
+            told: dict[str, Any] | None = await self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+        except SinewError as trouble:
+            return {"trouble": str(trouble)}
+        return told
+
+    def _mark(self, toml: str, faults: Sequence[dict[str, Any]]) -> None:
+        """Mark the lines of a plan at which something is wrong, and say there what."""
+        marks: list[dict[str, Any]] = []
+        ends = [end for end, letter in enumerate(toml) if letter == "\n"] + [len(toml)]
+        for number in sorted({fault["line"] for fault in faults if fault["line"]}):
+            said = "; ".join(_AT_ITS_LINE.sub("", one["sentence"]) for one in faults if one["line"] == number)
+            marks.append({"kind": "line", "line": number, "class": "sinew-fault-line"})
+            place = ends[min(number, len(ends)) - 1]
+            marks.append({"kind": "widget", "position": place, "text": said, "class": "sinew-fault"})
+        if marks != self._text.decorations:
+            self._text.decorations = marks
+
+    def _say_faults(self, outline: dict[str, Any]) -> None:
+        self._length.set_text("")
+        self._timeline.clear()
+        with self._timeline:
+            empty("The timeline comes back when the plan can be read.")
+        with ui.element("div").props("role=alert id=sinew-faults").classes("sinew-stack"):
+            if "trouble" in outline:
+                ui.label(outline["trouble"]).classes("sinew-bad")
+                return
+            for fault in outline["faults"]:
+                with ui.element("div").classes("sinew-row"):
+                    if fault["line"] is not None:
+                        plain_button(
+                            f"Line {fault['line']}", "", lambda line=fault["line"]: self._text.reveal_line(line)
+                        )
+                    ui.label(fault["sentence"]).classes("sinew-bad")
+
+    def _draw_timeline(self, stages: Sequence[dict[str, Any]]) -> None:
+        self._timeline.clear()
+        with self._timeline:
+            ui.html(timeline_html(stages), sanitize=False)
+
     def _show(self, found: dict[str, Any]) -> None:
         self._preview.clear()
+        self._length.set_text("")
         with self._preview:
             if "trouble" in found:
-                ui.label(found["trouble"]).classes("sinew-bad")
+                ui.label(found["trouble"]).props("role=alert").classes("sinew-bad")
                 return
-            minutes = "{} min {} s".format(*divmod(round(found["bench_s"]), 60))
+            whole = round(found["bench_s"])
+            minutes = "{} min {} s".format(*divmod(whole, 60)) if whole >= 60 else f"{whole} s"
             longer = found["longest_s"] - found["duration_s"]
             more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
-            said = ui.label(f"About {minutes}{more} with pull, pretensions and stop; {found['groups']} segments")
-            said.props("id=sinew-duration")
+            self._length.set_text(f"About {minutes}{more} with pull, pretensions and stop; {found['groups']} segments")
             for finding in found["findings"]:
                 word, style = ("Refused", "sinew-bad") if finding["severity"] == "refuse" else ("Mind", "sinew-warn")
-                ui.label(f"{word}: {finding['sentence']}").classes(style)
+                said = ui.label(f"{word}: {finding['sentence']}").classes(style)
+                said.props("role=alert" if word == "Refused" else "")
             if found["ok"]:
                 ui.label("No limit of the rig is broken.").classes("sinew-good")
             pose = found.get("pose")
@@ -166,7 +285,7 @@ class _Desk:
         """Have the operator's browser ask the steward: this process steers nothing."""
         if self._toml is None:
             return
-        if not is_run_name(self._name.value):
+        if not is_run_name(self._run.value):
             ui.notify("The run's folder needs a name.", type="negative")
             return
         try:
@@ -174,5 +293,203 @@ class _Desk:
         except SinewError as trouble:
             ui.notify(str(trouble), type="negative")
             return
-        asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._name.value))
+        asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
+
+    async def _keep(self) -> None:
+        """Have the operator's browser put the plan on the shelf; over another one only when asked a second time."""
+        name, text = self._name.value.strip(), self._text.value
+        if not _is_file_name(name):
+            ui.notify("The plan needs a name on the shelf.", type="negative")
+            return
+        file = f"{name.removesuffix('.toml')}.toml"
+        told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
+        answer = await steer("shelve", told)
+        self._replacing = file if answer.get("code") == 409 else None
+        for text in self._save:
+            text.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
+        if answer.get("ok"):
+            self._drafts.pop(self._plan, None)
+            await self._reload(file)
+
+    def _ask_to_delete(self) -> None:
+        self._question.set_text(f"Delete {self._plan} from the shelf? It cannot be brought back.")
+        self._sure.open()
+
+    async def _unshelve(self) -> None:
+        self._sure.close()
+        if (await steer("unshelve", {"shelf": "plans", "name": self._plan})).get("ok"):
+            self._drafts.pop(self._plan, None)
+            await self._reload(_FIRST_PLAN)
+
+    async def _reload(self, name: str) -> None:
+        """Offer what is on the shelf now, and take a plan of it."""
+        shelves = await self._site.work.call("shelf", str(self._site.runs))
+        self._plan = name
+        self._plans.set_options(_plans_in_words(shelves), value=name)
+        await self._take(name)
+
+
+def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
+    """Return a plain button; steering.js knows whether this page is the operator's."""
+    made = ui.element("button").props(f"type=button {f'id={name}' if name else ''}").classes("sinew-button")
+    if needs_operator:
+        made.props("data-operator=ready disabled")
+    with made.on("click", act):
+        ui.html(html.escape(text), sanitize=False, tag="span")
+    return made
+
+
+async def steer(command: str, told: dict[str, Any]) -> dict[str, Any]:
+    """Return what the steward answers to a command of this browser, which also shows it."""
+    try:
+        answer = await ui.run_javascript(
+            f"return Sinew.command({json.dumps(command)}, {json.dumps(told)})", timeout=_ANSWER_S
+        )
+    except TimeoutError:
+        return {}
+    return answer if isinstance(answer, dict) else {}
+
+
+def _is_own(name: str) -> bool:
+    return name.endswith(".toml")
+
+
+def _is_file_name(name: str | None) -> bool:
+    return is_run_name((name or "").strip().replace(" ", "_"))
+
+
+def _plans_in_words(shelves: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
+    plans = shelves["plans"]
+    return {row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in plans}
+
+
+def _texts(kept: Any) -> tuple[dict[str, str], str | None]:
+    """Return (drafts by plan, the plan that was chosen last) of what a browser keeps, whatever that is."""
+    try:
+        return {str(name): str(text) for name, text in kept["drafts"].items()}, str(kept["plan"])
+    except (TypeError, KeyError, AttributeError):
+        return {}, None
+
+
+async def recall(name: str) -> Any:
+    """Return what `remember` had this browser keep; None where it keeps nothing."""
+    try:
+        told = await ui.run_javascript(
+            f"try {{ return localStorage.getItem('{name}') }} catch {{ return null }}", timeout=_ANSWER_S
+        )
+        return json.loads(told)
+    except (TimeoutError, ValueError, TypeError):
+        return None
+
+
+def remember(name: str, what: Any) -> None:
+    """Have this browser keep something for the next time, if its storage is on."""
+    text = json.dumps(json.dumps(what))
+    ui.run_javascript(f"try {{ localStorage.setItem('{name}', {text}); }} catch {{ /* storage is off */ }}")
+
+
+# The timeline of a plan: plain HTML of its stages, and the same as a table.
+
+_DOES = {
+    "pull": "pull to first contact",
+    "change": "set the pretension and level",
+    "rest": "rest",
+    "settle": "drive until it is steady",
+    "steady": "record the steady swing",
+    "calm": "wait until the joint is calm",
+    "ring-down": "record the free decay",
+    "tracking": "track the resonance",
+    "stop": "let the tension down",
+}
+_STEPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 28800, 86400)
+_TICKS = 8
+
+
+def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
+    """Return a plan's stages as bars over time, told on hovering, and as a table. stages: of `plan_outline`."""
+    whole = stages[-1]["start_s"] + stages[-1]["duration_s"]
+
+    def block(one: dict[str, Any], style: str, label: str, told: str) -> str:
+        place = f"left:{100 * one['start_s'] / whole:.3f}%;width:{100 * one['duration_s'] / whole:.3f}%"
+        return f'<i class="{style}" style="{place}" title="{html.escape(told)}">{html.escape(label)}</i>'
+
+    bars = [block(one, f"of-{one['kind']}", _short(one), _told(one)) for one in stages]
+    levels = [block(one, "of-level", f"{one['pretension_mm']:g} mm", _told_level(one)) for one in _levels(stages)]
+    step = next((step for step in _STEPS_S if whole / step <= _TICKS), _STEPS_S[-1])
+    ticks = [
+        f'<span style="left:{100 * at / whole:.3f}%">{_clock(at)}</span>' for at in range(0, math.ceil(whole), step)
+    ]
+    kinds = dict.fromkeys(one["kind"] for one in stages)
+    legend = "".join(f'<li><i class="of-{kind}"></i>{_DOES[kind]}</li>' for kind in kinds)
+    rows = "".join(
+        f"<tr><td>{_clock(one['start_s'])}</td><td>{one['duration_s']:.1f}</td><td>{html.escape(_doing(one))}</td>"
+        f"<td>{_number(one['pretension_mm'])}</td><td>{_number(one['frequency_hz'])}</td>"
+        f"<td>{_number(one['amplitude_deg'])}</td></tr>"
+        for one in stages
+    )
+    heads = "".join(
+        f"<th scope=col>{name}</th>"
+        for name in (
+            "from / min:s",
+            "takes / s",
+            "the bench does",
+            "pretension / mm",
+            "frequency / Hz",
+            "amplitude / °",
+        )
+    )
+    said = f"The run over {_clock(whole)} min; the table of the run says the same"
+    return (
+        f'<div class="sinew-timeline" role="img" aria-label="{said}">'
+        f"<b>Pretension</b><div>{''.join(levels)}</div><b>Bench</b><div>{''.join(bars)}</div>"
+        f'<b></b><div class="ticks">{"".join(ticks)}</div></div>'
+        f'<ul class="sinew-timeline-legend">{legend}</ul>'
+        f"<details><summary>The run as a table</summary>"
+        f'<div class="sinew-scroll" tabindex="0" role="region" aria-label="The run as a table">'
+        f'<table class="sinew-stages"><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></details>'
+    )
+
+
+def _levels(stages: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return how long each pretension stays, its change included."""
+    found: list[dict[str, Any]] = []
+    for one in stages:
+        if one["pretension_mm"] is None:
+            continue
+        if found and found[-1]["pretension_mm"] == one["pretension_mm"]:
+            found[-1]["duration_s"] = one["start_s"] + one["duration_s"] - found[-1]["start_s"]
+        else:
+            found.append(dict(one))
+    return found
+
+
+def _doing(one: dict[str, Any]) -> str:
+    return _DOES[one["kind"]] + (f", {one['groups']} times" if one["groups"] > 1 else "")
+
+
+def _short(one: dict[str, Any]) -> str:
+    is_record = one["kind"] in ("steady", "ring-down") and one["groups"] == 1
+    return f"{one['frequency_hz']:.3g} Hz" if is_record and one["frequency_hz"] is not None else ""
+
+
+def _told(one: dict[str, Any]) -> str:
+    drive = "" if one["frequency_hz"] is None or one["groups"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
+    held = "" if one["pretension_mm"] is None else f", {one['pretension_mm']:g} mm"
+    return f"{_doing(one)}{drive}{held}: {_span(one)}".capitalize()
+
+
+def _told_level(one: dict[str, Any]) -> str:
+    return f"{one['pretension_mm']:g} mm: {_span(one)}"
+
+
+def _span(one: dict[str, Any]) -> str:
+    return f"{_clock(one['start_s'])} to {_clock(one['start_s'] + one['duration_s'])}, {one['duration_s']:.1f} s"
+
+
+def _clock(seconds: float) -> str:
+    return "{}:{:02d}".format(*divmod(round(seconds), 60))
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

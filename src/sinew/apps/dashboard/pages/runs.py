@@ -1,50 +1,75 @@
-"""The page of past runs: searched, opened, laid over one another and downloaded."""
+"""The page of past runs: searched, noted, named, put away; opened, laid over one another, compared and downloaded."""
 
+import json
+from collections.abc import Awaitable, Callable
 from typing import Any
+from urllib.parse import urlencode
 
 from nicegui import events, ui
+from starlette.requests import Request
 
+from sinew.analysis.history.search import COMMON, QUANTITIES
 from sinew.apps.dashboard.operators import is_run_name
-from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.measure.errors import SinewError
+from sinew.measure.estimate import span, typeset
 from sinew.measure.units import local_time
 
-_COLUMNS = {"name": "run", "started": "started", "plan": "plan", "rig": "rig", "groups": "segments", "state": "state"}
-_RIGHT = ("groups", "mm", "hz", "value")
+_COLUMNS = {
+    "name": "run",
+    "started": "started",
+    "plan": "plan",
+    "rig": "rig",
+    "state": "state",
+    **{
+        one: QUANTITIES[one].called[0] + (f" / {QUANTITIES[one].unit}" if QUANTITIES[one].unit else "")
+        for one in COMMON
+    },
+    "tags": "tags",
+    "reason": "notes, and why it ended",
+}
+_RIGHT = ("mm", "hz", "value", "difference", *COMMON)
 _DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"), ("report", "Report"))
-_MOST_OVERLAID = 6
+_MOST_OVERLAID, _MOST_ROWS, _MOST_POINTS = 24, 500, 400
+_MS_OF_A_DAY = 86_400_000
+_COMMAND_S = 30.0
 
 
 def add_runs_pages(site: Site) -> None:
-    """Serve the list of runs at /runs, and some of them laid over one another at /runs/a,b."""
+    """Serve the list of runs at /runs, and some of them laid over one another at /runs?open=a&open=b or /runs/a,b."""
 
     @ui.page("/runs")
-    async def runs() -> None:
-        with framed(site, "Runs", "/runs"):
-            heading("Runs")
-            place = ui.element("div").classes("sinew-content")
-            with place:
-                empty("The runs are listed.")
-            await ui.context.client.connected()
-            try:
-                found, trouble = await site.work.call("list_runs", str(site.runs)), ""
-            except SinewError as error:
-                found, trouble = [], str(error)
-            place.clear()
-            with place:
-                if trouble:
-                    ui.label(trouble).classes("sinew-bad")
-                else:
-                    _table(found)
+    async def runs(request: Request) -> None:
+        await shown(request.query_params.getlist("open"), request.query_params.get("search", ""))
 
     @ui.page("/runs/{names}")
     async def opened(names: str) -> None:
+        await shown(names.split(","), "")
+
+    async def shown(names: list[str], search: str) -> None:
         with framed(site, "Runs", "/runs"):
-            chosen = [name for name in dict.fromkeys(names.split(",")) if is_run_name(name)][:_MOST_OVERLAID]
-            heading(", ".join(chosen) or "No such run")
-            ui.link("All runs", "/runs")
-            await _open(site, chosen)
+            chosen = [name for name in dict.fromkeys(names) if is_run_name(name)][:_MOST_OVERLAID]
+            heading(", ".join(chosen) if chosen else "No such run" if names else "Runs")
+            ui.add_body_html(f'<script type="module" src="/sinew/runs.js?{site.version}"></script>')
+            if names:
+                ui.link("All runs", "/runs")
+            listed = _List(site, chosen, search)
+            await _open(site, chosen, listed.refresh) if names else await ui.context.client.connected()
+            if chosen or not names:
+                await listed.show()
+
+
+def _address(names: list[str], search: str = "") -> str:
+    """Return the address of the page that shows these runs, which others can open."""
+    asked = [*(("open", name) for name in names), *([("search", search)] if search else [])]
+    return f"/runs?{urlencode(asked)}" if asked else "/runs"
+
+
+async def _command(name: str, /, **more: object) -> bool:
+    """Have this browser give a command at the steering port, with its own ticket; return whether it was carried out."""
+    told = f"return (await Sinew.command({json.dumps(name)}, {json.dumps(more)})).ok"
+    return bool(await ui.run_javascript(told, timeout=_COMMAND_S))
 
 
 def _columns(labels: dict[str, str]) -> list[dict[str, Any]]:
@@ -56,51 +81,192 @@ def _columns(labels: dict[str, str]) -> list[dict[str, Any]]:
     ]
 
 
-def _table(found: list[dict[str, Any]]) -> None:
-    if not found:
-        with ui.element("div").classes("sinew-card"):
-            empty("There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks.")
-        return
-    rows = [_row(run) for run in found]
-    with ui.element("section").classes("sinew-card"):
-        search = ui.input("Search").props("outlined dense clearable type=search").classes("w-full")
+class _List:
+    """The list of runs in a page, with its search, its trend and the bin. opened: runs whose boxes are ticked."""
+
+    def __init__(self, site: Site, opened: list[str], search: str) -> None:
+        self._site, self._opened, self._search = site, opened, search
+        self._is_shown = False
+
+    async def show(self) -> None:
+        """Draw it, and fill it with what the search finds."""
+        with ui.element("section").classes("sinew-card"):
+            if self._opened:
+                ui.label("Open others").props("role=heading aria-level=2").classes("text-bold")
+            self._field = ui.input("Search: words, f_r>3.2 pretension=6 tag:aged begin>=2026-03", value=self._search)
+            self._field.props("outlined dense clearable type=search debounce=300 id=sinew-search maxlength=500")
+            self._field.classes("w-full")
+            self._said = ui.label("The runs are listed.").props("role=status").classes("sinew-soft")
+            self._table = self._made_table()
+            with ui.element("div").classes("sinew-row"):
+                button = ui.button("Open what is chosen", on_click=self._open_chosen)
+                button.props("id=sinew-open no-caps unelevated color=primary")
+                ui.button("Put into the bin", on_click=self._bin_chosen).props("id=sinew-bin no-caps outline")
+            ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
+                "sinew-soft"
+            )
+        with ui.element("div").classes("sinew-grid"):
+            with card("Over months", 12):
+                names = {one: QUANTITIES[one].called[0] for one in QUANTITIES}
+                self._quantity = ui.radio({one: names[one] for one in COMMON}, value=COMMON[0]).props("inline")
+                self._quantity.on_value_change(self._draw_trend)
+                self._trend = ui.element("div").classes("w-full").props("data-trend")
+            self._bin = ui.element("div").classes("span-12")
+        self._field.on_value_change(self._searched)
+        self._is_shown = True
+        await self.refresh()
+
+    def _made_table(self) -> ui.table:
         table = ui.table(
-            rows=rows,
+            rows=[],
             columns=_columns(_COLUMNS),
             row_key="name",
             selection="multiple",
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
-        table.props("flat dense").classes("w-full")
+        table.props("flat dense id=sinew-runs").classes("w-full")
         table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
         table.add_slot(
             "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
         )
-        search.bind_value_to(table, "filter")
+        table.add_slot("no-data", '<span class="sinew-empty">No run is found.</span>')
+        table.on("rowClick", self._open_row)
+        return table
 
-        def open_chosen() -> None:
-            names = [row["name"] for row in table.selected if is_run_name(row["name"])]
-            if names:
-                ui.navigate.to(f"/runs/{','.join(names[:_MOST_OVERLAID])}")
-            else:
-                ui.notify("Choose one run, or several to lay over one another.")
+    async def _searched(self) -> None:
+        self._search = self._field.value or ""
+        ui.run_javascript(f"history.replaceState(null, '', {json.dumps(_address(self._opened, self._search))})")
+        await self.refresh()
 
-        def open_row(event: events.GenericEventArguments) -> None:
-            name = event.args[1]["name"]
-            if is_run_name(name):
-                ui.navigate.to(f"/runs/{name}")
+    async def refresh(self) -> None:
+        """Fill table, trend and bin anew, once they are drawn."""
+        if not self._is_shown:
+            return
+        work, runs = self._site.work, str(self._site.runs)
+        try:
+            found = await work.call("look_at_runs", runs, self._search, _MOST_ROWS, key=f"runs {id(self)}")
+        except SinewError as trouble:
+            self._said.set_text(str(trouble))
+            self._said.classes("sinew-bad", remove="sinew-soft")
+            return
+        if found is None:  # another search came after this one
+            return
+        self._said.classes("sinew-soft", remove="sinew-bad")
+        self._said.set_text(_counted(found, bool(self._search)))
+        self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
+        rows = [row for row in self._table.rows if row["name"] in self._opened]
+        self._table.selected = [*rows, *(row for row in self._table.selected if row["name"] not in self._opened)]
+        await self._draw_trend()
+        names = await work.call("list_bin", runs)
+        self._bin.clear()
+        if names:
+            with self._bin, card("Bin", 12):
+                ui.label("Runs that were put away, in .bin below the folder of the runs.").classes("sinew-soft")
+                for name in names:
+                    with ui.element("div").classes("sinew-row"):
+                        ui.label(name)
+                        button = ui.button("Restore", on_click=lambda name=name: self._restore(name))
+                        button.props(f'no-caps outline dense data-restore aria-label="Restore {_attribute(name)}"')
 
-        table.on("rowClick", open_row)
-        ui.button("Open what is chosen", on_click=open_chosen).props("id=sinew-open no-caps unelevated color=primary")
+    async def _draw_trend(self) -> None:
+        try:
+            found = await self._site.work.call("run_trends", str(self._site.runs), self._search, self._quantity.value)
+        except SinewError as trouble:
+            found, said = [], str(trouble)
+        else:
+            said = "No run that is found has it. Open a run to have it analysed."
+        self._trend.clear()
+        with self._trend:
+            if not found:
+                empty(said)
+                return
+            ui.echart(_trend_options(found, self._quantity.value), renderer="svg").props(
+                'role=img aria-label="Values of the runs over their dates; the sentences below sum it up"'
+            )
+            for one in found[:_MOST_OVERLAID]:
+                ui.label(typeset(f"{one['title']}: {one['sentence']}"))
+
+    def _chosen(self) -> list[str]:
+        names = dict.fromkeys(row["name"] for row in self._table.selected if is_run_name(row["name"]))
+        return list(names)[:_MOST_OVERLAID]
+
+    def _open_chosen(self) -> None:
+        if names := self._chosen():
+            ui.navigate.to(_address(names))
+        else:
+            ui.notify("Choose one run, or several to lay over one another.")
+
+    def _open_row(self, event: events.GenericEventArguments) -> None:
+        name = event.args[1]["name"]
+        if is_run_name(name):
+            ui.navigate.to(_address([name]))
+
+    async def _bin_chosen(self) -> None:
+        for name in self._chosen():
+            if not await _command("bin", name=name):
+                break
+        self._table.selected = []
+        await self.refresh()
+
+    async def _restore(self, name: str) -> None:
+        await _command("restore", name=name)
+        await self.refresh()
+
+
+def _attribute(text: str) -> str:
+    """Return text as an attribute of a page takes it between quotes."""
+    return "".join(letter if letter.isalnum() or letter in "._-" else " " for letter in text)
+
+
+def _counted(found: dict[str, Any], is_search: bool) -> str:
+    """Return how many runs are listed."""
+    count, listed = found["count"], len(found["runs"])
+    if not count and not is_search and not found["left"]:
+        return "There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks."
+    said = f"{count} {'run' if count == 1 else 'runs'}{' found' if is_search else ''}"
+    said += f", the newest {listed} are listed" if listed < count else ""
+    return f"{said}; {found['left']} folders are not read yet, search again" if found["left"] else said
 
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
-    done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
-    started = local_time(run.get("started") or "–")
-    return {**{key: run.get(key) or "–" for key in _COLUMNS}, "groups": done, "started": started}
+    done = "" if run.get("groups") is None else f" ({run['groups_done']:.0f} of {run['groups']:.0f})"
+    row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
+    row |= {"started": local_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
+    row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
+    reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
+    said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
+    return row | {"tags": " ".join(run.get("tags") or []), "reason": said[:200]}
 
 
-async def _open(site: Site, names: list[str]) -> None:
+def _shown(found: list[dict[str, Any]]) -> str:
+    """Return what was found at one pretension with its interval, or from least to greatest at several."""
+    if len(found) < 2:
+        return quantity(found[0], "") if found else "–"
+    values = [one["value"] for one in found]
+    return span(min(values), max(values))
+
+
+def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    """Return ECharts' options of values over dates, with lines and their 90 % bands."""
+    curves = []
+    for place, one in enumerate(found[:_MOST_OVERLAID]):
+        every = -(-len(one["days"]) // _MOST_POINTS)
+        at = [_MS_OF_A_DAY * day for day in one["days"][::every]]
+        curves.append(Curve.of_estimates(one["title"], at, one["values"][::every], place))
+        if one["line"] is not None:
+            line = one["line"]
+            days = [_MS_OF_A_DAY * day for day in line["days"]]
+            curves.append(
+                Curve(f"{one['title']}, line", days, line["value"], line["low"], line["high"], True, number=place)
+            )
+    options = options_of("gain", curves, "")
+    options["xAxis"] = {**options["xAxis"], "type": "time", "axisLabel": {"color": "var(--soft)"}}
+    options["yAxis"]["name"] = QUANTITIES[name].head()
+    return options
+
+
+async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[None]]) -> None:
+    """Draw what some runs found. changed: is called when notes of one have changed."""
     if not names:
         empty("No run has that name.")
         return
@@ -112,18 +278,92 @@ async def _open(site: Site, names: list[str]) -> None:
     found: list[tuple[str, dict[str, Any]]] = []
     for name in names:
         try:
-            found.append((name, await site.work.call("run_results", str(site.runs / name))))
+            folder = str(site.runs / name)
+            kept = await site.work.call("kept_results", folder)
+            found.append((name, kept or await site.work.call("run_results", folder)))
         except SinewError as trouble:
             found.append((name, {"trouble": str(trouble)}))
+    about = {}
+    for name in names:
+        try:
+            about[name] = await site.work.call("run_summary", str(site.runs / name))
+        except SinewError:
+            continue
+    compared: dict[str, Any] = {"rows": [], "sentences": []}
+    if len(names) > 1:
+        compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
         _doubts(found)
         _curves(found)
+        _compared(names[0], compared)
         _numbers(found)
         for name, results in found:
             _coupling(name, results.get("document") or {})
         for name, _ in found:
+            if name in about:
+                _about(about[name], changed)
+        for name, _ in found:
             _downloads(name)
+
+
+def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
+    """Show what a run was and why it ended, with name, notes and tags to be changed."""
+    name = run["name"]
+
+    async def rename() -> None:
+        if await _command("rename", name=name, to=to.value):
+            ui.navigate.to(_address([to.value]))
+
+    async def note() -> None:
+        if await _command("note", name=name, notes=notes.value or "", tags=(tags.value or "").split()):
+            await changed()
+
+    async def put_away() -> None:
+        if await _command("bin", name=name):
+            ui.navigate.to("/runs")
+
+    with card(f"About {name}", 6):
+        ui.label(f"{run['sentence']} Begun {local_time(run['started'])}.").props("data-reason")
+        with ui.element("div").classes("sinew-row"):
+            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
+            button = ui.button("Rename", on_click=rename)
+            button.props("no-caps outline data-rename")
+        notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
+        notes.classes("w-full")
+        tags = ui.input("Tags, with spaces between", value=" ".join(run["tags"])).props("outlined dense data-tags")
+        tags.classes("w-full")
+        with ui.element("div").classes("sinew-row"):
+            ui.button("Keep notes and tags", on_click=note).props("no-caps outline data-keep")
+            ui.button("Put into the bin", on_click=put_away).props("no-caps outline data-bin")
+
+
+def _compared(first: str, compared: dict[str, Any]) -> None:
+    """Show in what runs differ from the first one that is open, and whether that is more than their uncertainty."""
+    if not compared["rows"]:
+        return
+    rows = []
+    for row in compared["rows"]:
+        about = QUANTITIES[row["quantity"]]
+        rows.append(
+            {
+                "key": f"{row['run']} {row['pretension_mm']} {row['quantity']}",
+                "run": row["run"],
+                "mm": f"{row['pretension_mm']:g}",
+                "name": about.words,
+                "first": quantity(row["first"], about.unit),
+                "other": quantity(row["other"], about.unit),
+                "difference": quantity(row["difference"], about.unit),
+                "sure": row["sentence"],
+            }
+        )
+    with card(f"Against {first}", 12):
+        for sentence in compared["sentences"]:
+            ui.label(sentence)
+        labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "first": first, "other": "the other"}
+        labels |= {"difference": "difference, 90 % interval", "sure": "significant"}
+        table = ui.table(rows=rows, columns=_columns(labels), row_key="key", pagination=12)
+        table.props("flat dense wrap-cells data-compared").classes("w-full")
 
 
 def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
@@ -216,5 +456,6 @@ def _coupling(name: str, document: dict[str, Any]) -> None:
 
 def _downloads(name: str) -> None:
     with card(f"Files of {name}", 6), ui.element("div").classes("sinew-row"):
+        ui.link("Samples over time", f"/run/{name}/samples").classes("sinew-button")
         for kind, label in _DOWNLOADS:
             ui.link(label, f"/download/{name}/{kind}").props(f"download data-kind={kind}").classes("sinew-button")

@@ -71,7 +71,7 @@ async function send(command, more = {}) {
 }
 
 function words(command) {
-  return { take: "take control", give: "hand over", continue: "go on with a run" }[command] ?? `${command} a run`;
+  return { take: "take control", give: "hand over", continue: "go on with a run", shelve: "save", unshelve: "delete" }[command] ?? `${command} a run`;
 }
 
 async function command(name, more = {}) {
@@ -238,8 +238,15 @@ function show() {
   tell(run, state, last, mine);
 }
 
-// The button that starts a run is the page's; whether this tab may start is known here.
+const mayKeep = () => !status?.signed_in ? "Sign in and take control to save." : !status.operator?.mine ? "Take control to save." : "";
+
+// The buttons that start a run, save and delete are the page's; whether this tab may is known here.
 function gate() {
+  for (const button of document.querySelectorAll("button[data-operator]")) {
+    const why = mayKeep();
+    button.disabled = button.dataset.operator !== "ready" || Boolean(why);
+    button.title = why;
+  }
   const start = $("sinew-start");
   if (!start) return;
   const why = mayStart();
@@ -340,7 +347,7 @@ window.Sinew = {
 };
 
 document.body.append(voice, veil, dialog);
-new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready"] });
+new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready", "data-operator"] });
 
 // A tab that was duplicated has the ticket of the other: only one of them may keep it. The page before this one in the
 // same tab may hold it for a moment yet, so it is waited for.

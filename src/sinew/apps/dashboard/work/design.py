@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
+_NEAR = 5  # points of a curve about its 90° of lag
 _WARM = ((0.0, 20.0), (6.0, 20.0))
 
 
@@ -38,8 +39,9 @@ def design_curves(
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
     lever), `phase_deg` (lag behind the lever), `torsion_deg`, `stable`. `folds`, `peak`, `phase_90`: each with
-    `frequency_hz`, `gain`, `phase_deg`. `validity`: rows of check, value, limit, holds, sentence. Further
-    `error_estimate`, `harmonics`, `complete`, `message`, `wall_s`, and `base`, `rig`: the names.
+    `frequency_hz`, `gain`, `phase_deg`. `damping`: Lehr's D by the slope of the lag over frequency where it is 90°,
+    D = 1/(f dφ/df), None where it is not passed. `validity`: rows of check, value, limit, holds, sentence; of a sketch
+    None. Further `error_estimate`, `harmonics`, `complete`, `message`, `wall_s`, and `base`, `rig`: the names.
     Raises SpecError where a number cannot be meant.
     """
     from sinew.apps.joints.options import rig_asked
@@ -52,6 +54,7 @@ def design_curves(
     branch = prediction.branches[0]
     return {
         **curve_document(branch, math.radians(amplitude_deg)),
+        "damping": slope_damping(branch),
         "base": base.name,
         "rig": made.name,
         "pretension_mm": pretension_mm,
@@ -60,8 +63,28 @@ def design_curves(
         "harmonics": prediction.harmonics,
         "error_estimate": prediction.error_estimate,
         "wall_s": prediction.wall_s,
-        "validity": [c.to_json() for c in checks],
+        "validity": None if checks is None else [c.to_json() for c in checks],
     }
+
+
+def slope_damping(branch: "Branch") -> float | None:
+    """Return Lehr's damping of a curve by the slope of its lag at 90°; None where that is not passed.
+
+    An oscillator's lag has the slope dφ/df = 1/(D f) there. Where losses or stiffness change with the swing, so does
+    the slope, which is that of motions of a constant command.
+    """
+    import numpy as np
+
+    mark = branch.phase_90
+    if mark is None:
+        return None
+    # The cotangent of an oscillator's lag is all but straight over frequency, and its slope there is that of the lag.
+    near = np.argsort(np.abs(branch.phase - np.pi / 2))[:_NEAR]
+    off = branch.frequency_hz[near] / mark.frequency_hz - 1
+    if np.ptp(off) == 0:
+        return None
+    slope = -np.polyfit(off, 1 / np.tan(branch.phase[near]), min(2, near.size - 1))[-2]
+    return 1 / float(slope) if slope > 0 else None
 
 
 sketch_curves = functools.partial(design_curves, fine=False)
@@ -97,13 +120,23 @@ def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "
 
 
 def warm_up() -> dict[str, Any]:
-    """Compile all that sketches need, and return how long it took [s]; after it no change of a number compiles anew."""
+    """Compile all that sketches and suggestions need, and return how long it took [s]; after it no change of a number
+    compiles anew."""
     import time
 
     begin = time.perf_counter()
     for pretension, amplitude in _WARM:
         sketch_curves("paper", {"length_mm": 90.0}, pretension, amplitude)
+    suggest_pretension("paper", {"length_mm": 90.0}, 3.6)
     return {"wall_s": time.perf_counter() - begin}
+
+
+def rig_text(rig: str, changes: Mapping[str, float | str | None], name: str) -> str:
+    """Return the TOML text of a rig with some changes, under a name of its own. Arguments and errors as of
+    `changed_rig`."""
+    from sinew.plan.toml import dump_rig
+
+    return dump_rig(changed_rig(base_rig(rig), changes).model_copy(update={"name": name}))
 
 
 def _shape(given: set[str]) -> str:
@@ -122,8 +155,8 @@ def base_rig(rig: str) -> "RigSpec":
 
 def _predicted(
     rig: "RigSpec", pretension_mm: float, amplitude_deg: float, band_hz: tuple[float, float], fine: bool
-) -> "tuple[Prediction, list[Check]]":
-    """Return (prediction, checks of what is assumed)."""
+) -> "tuple[Prediction, list[Check] | None]":
+    """Return (prediction, checks of what is assumed; of a sketch, which is made while a slider moves, None)."""
     import numpy as np
 
     from sinew.predict.joint import RESOLUTION, joint_problem
@@ -134,7 +167,9 @@ def _predicted(
 
     configure()
     problem = joint_problem(rig, [pretension_mm], amplitude_deg, band_hz)
-    prediction = predict(problem, band_hz, RESOLUTION) if fine else sketch(problem, band_hz)
+    if not fine:
+        return sketch(problem, band_hz), None
+    prediction = predict(problem, band_hz, RESOLUTION)
     torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
     return prediction, check_joint(rig, [pretension_mm], loads_of(problem, torsion), tilt_held=True)
 
@@ -275,7 +310,7 @@ def suggest_pretension(
     and what else `sinew tune --json` says of one setting. Raises SpecError where a number cannot be meant.
     """
     from sinew.predict.band import draw_rigs
-    from sinew.tune.pretension import Swing, tune_pretension
+    from sinew.tune.pretension import Swing, sketched, tune_pretension
     from sinew.twin.cache import configure
 
     if amplitude_deg is not None and yaw_deg is not None:
@@ -286,7 +321,7 @@ def suggest_pretension(
     swing = Swing(yaw_deg=float(yaw_deg)) if yaw_deg is not None else Swing(command_deg=command_deg)
     known = made.calibration is not None or any(one.interval90 is not None for _, one in made.parameters())
     drawn = draw_rigs(made, draws, 0) if draws > 1 and known else None
-    document = tune_pretension(made, [float(wanted_hz)], swing, draws=drawn).document()
+    document = tune_pretension(made, [float(wanted_hz)], swing, draws=drawn, follow=sketched).document()
     remarks = list(document["remarks"])
     if not known:
         remarks.append(f"the rig {made.name} holds no intervals, so nothing is known of how far this can be off")
@@ -294,7 +329,20 @@ def suggest_pretension(
     return {**none, **document["settings"][0], "range": document["range"], "remarks": remarks}
 
 
-# A plan is previewed for its page: what `sinew check --json` says of it.
+# A plan is previewed for its page: its faults and stages at once, and what `sinew check --json` says of it.
+
+
+def plan_outline(plan_toml: str) -> dict[str, Any]:
+    """Return what is known of a plan's text without a rig: `faults`, each with `line` (from 1, or None) and `sentence`;
+    of one without any also `name` and `stages`, as `sinew.plan.check.stages_of` has them."""
+    from sinew.plan.check import stages_of
+    from sinew.plan.toml import parse_plan, plan_faults
+
+    faults = [fault._asdict() for fault in plan_faults(plan_toml)]
+    if faults:
+        return {"faults": faults}
+    plan = parse_plan(plan_toml)
+    return {"faults": [], "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
 
 
 def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:

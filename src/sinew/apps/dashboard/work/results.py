@@ -10,9 +10,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sinew.analysis.history.search import QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
-from sinew.apps.dashboard.work.runs import RECORDING
+from sinew.apps.dashboard.work.runs import RECORDING, RESULTS, name_in
 from sinew.bench.record.journal import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
@@ -26,21 +27,8 @@ if TYPE_CHECKING:
 
 _RESULTS, _VERSION = "results.json", 2
 
-_QUANTITIES = {
-    "paper_resonance_hz": ("frequency of the largest mean of peaks (Eq. 6)", "Hz"),
-    "resonance_hz": ("frequency of the largest fundamental", "Hz"),
-    "gain_peak": ("largest gain", ""),
-    "phase_90_hz": ("frequency of 90° of lag", "Hz"),
-    "gain_peak_measured_drive": ("largest gain over the measured lever", ""),
-    "half_power_width_hz": ("half-power width", "Hz"),
-    "drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°"),
-    "energy_reduction": ("energy saved by the resonance", ""),
-    "damping_ratio": ("Lehr's damping", ""),
-    "decay_frequency_hz": ("frequency of the decay", "Hz"),
-    "decay_rate_per_s": ("decay rate", "1/s"),
-    "paper_stiffness_n_m_rad": ("stiffness ω² I", "N m/rad"),
-    "paper_damping_n_m_s_rad": ("damping constant 2 λ I", "N m s/rad"),
-}
+_QUANTITIES = {name: (about.words, about.unit) for name, about in QUANTITIES.items()}
+_QUANTITIES |= {"drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°")}
 """Title and unit of what is found at each pretension."""
 
 
@@ -53,24 +41,46 @@ def run_results(folder: Path | str) -> dict[str, Any]:
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
     folder = unlinked(Path(folder))
-    journal, recording = folder / JOURNAL, folder / RECORDING
+    journal = folder / JOURNAL
     if is_being_written(journal):
         found = LiveResults(journal, most_at_once=10**6).update()
         return {**found, "parameters": list(_of_decays(found["damping"])), "document": None, "doubts": []}
-    recording_of(folder)
-    about = recording.stat()
-    stamp = [_VERSION, about.st_size, about.st_mtime_ns]
-    kept = folder / CACHE / _RESULTS
+    kept = kept_results(folder)
+    if kept is None:
+        recording_of(folder)
+        kept = _keep(folder, _document(results_of(folder)[1]))
+    return kept
+
+
+def kept_results(folder: Path | str) -> dict[str, Any] | None:
+    """Return what `run_results` does where it is known without analysing or reading a recording, else None."""
+    folder = unlinked(Path(folder))
+    if is_being_written(folder / JOURNAL) or (made_from := _made_from(folder)) is None:
+        return None
     with suppress(OSError, ValueError, KeyError, TypeError):
-        stored = json.loads(kept.read_text(encoding="utf-8"))
-        if stored["stamp"] == stamp:
+        stored = json.loads((folder / CACHE / _RESULTS).read_text(encoding="utf-8"))
+        if stored["stamp"] == made_from:
             return dict(stored["results"])
-    results = _document(results_of(folder)[1])
+    results = _stored(folder)
+    return None if results is None else _keep(folder, _document(results))
+
+
+def _made_from(folder: Path) -> list[int] | None:
+    """Return what tells one recording from another, or results where there is nothing else; None without either."""
+    is_alone = not (folder / RECORDING).exists() and not (folder / JOURNAL).exists()
+    with suppress(OSError):
+        about = (folder / (RESULTS if is_alone else RECORDING)).stat()
+        return [_VERSION, about.st_size, about.st_mtime_ns]
+    return None
+
+
+def _keep(folder: Path, results: dict[str, Any]) -> dict[str, Any]:
+    """Write down what was found, for the next time, and return it."""
     with suppress(SinewError, OSError):
         from sinew.apps.console import write_json
 
-        kept.parent.mkdir(exist_ok=True)
-        write_json({"stamp": stamp, "results": results}, kept)
+        (folder / CACHE).mkdir(exist_ok=True)
+        write_json({"stamp": _made_from(folder), "results": results}, folder / CACHE / _RESULTS)
     return results
 
 
@@ -99,6 +109,70 @@ def load_own(folder: Path) -> "xr.Dataset":
         return load_recording(path)
 
 
+def _stored(folder: Path) -> "xr.Dataset | None":
+    """Return the results that lie in a run's folder, if they were made from the recording there, or there is none.
+
+    What the recording is, it says in its attributes; no sample is read.
+    """
+    from sinew.analysis.analysed import recording_rig
+    from sinew.apps.recordings.stored import stored_results
+    from sinew.measure.files.netcdf import load_results
+
+    if not (folder / RESULTS).is_file():
+        return None
+    with held_inside(folder.parent, folder / RESULTS) as results:
+        if not (folder / RECORDING).exists():
+            return load_results(results)
+        about = _attributes(folder)
+        if "content_hash" not in about.attrs:
+            return None
+        return stored_results(results, about, recording_rig(about, None))
+
+
+def _attributes(folder: Path) -> "xr.Dataset":
+    """Return a dataset with the attributes of a run's recording and nothing else."""
+    from sinew.measure.files.netcdf import load_part
+
+    with held_inside(folder.parent, folder / RECORDING) as recording:
+        return load_part(recording, ())
+
+
+def read_found(folder: Path) -> dict[str, Any]:
+    """Return what the results in a run's folder say, as the index of runs keeps it: see `work.runs.read_run`.
+
+    `found`, `analysed`, `remark`; `source`, `rig`, `plan` and, where the recording says it, `started`.
+    Raises FileError where recording or results are damaged.
+    """
+    from sinew.analysis.analysed import figures_document
+
+    about = _attributes(folder).attrs if (folder / RECORDING).exists() else {}
+    told: dict[str, Any] = {"found": [], "analysed": False, "remark": "not analysed yet"}
+    if (folder / RESULTS).exists():
+        with held_inside(folder.parent, folder / RESULTS) as path:
+            document, results = figures_document(path)
+        if about and results.attrs.get("recording_hash") != about.get("content_hash"):
+            told["remark"] = "its results are of another recording; they are made anew when it is opened"
+        else:
+            about = about or results.attrs
+            told |= {"found": _found(document, results), "analysed": True, "remark": ""}
+    said = {
+        "source": str(about.get("source", "")),
+        **{one: name_in(str(about.get(one, ""))) for one in ("rig", "plan")},
+    }
+    said["started"] = str(about.get("started", ""))
+    return told | {key: value for key, value in said.items() if value}
+
+
+def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, Any]]:
+    """Return what results say at each pretension, in increasing order, of what the index keeps."""
+    rows: dict[float, dict[str, Any]] = {}
+    for row in _parameters(document, results):
+        if row["quantity"] in QUANTITIES:
+            at = rows.setdefault(row["pretension_mm"], {"pretension_mm": row["pretension_mm"]})
+            at[row["quantity"]] = row["estimate"]
+    return [rows[pretension] for pretension in sorted(rows)]
+
+
 def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
     from sinew.analysis.analysed import analyse_with, recording_rig, results_document
@@ -122,12 +196,11 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
 
     document = results_document(results)
     curves = list(_curves(results)) if "gain" in results else []
-    decays = [row for row in document.get("ring_down", []) if "damping_ratio" in row]
     notes = [str(results.attrs.get(name, "")) for name in ("resonance_notes", "ring_down_notes")]
     return {
         "curves": curves,
-        "damping": decays,
-        "parameters": [*_of_resonances(document), *_of_decays(decays), *_of_constants(results)],
+        "damping": _of_torsion(document),
+        "parameters": _parameters(document, results),
         "document": document,
         "doubts": [one["sentence"] for one in document["doubts"]],
         "notes": [note for note in notes if note],
@@ -179,6 +252,15 @@ def _row(pretension_mm: float, quantity: str, estimate: dict[str, Any]) -> dict[
         value = None if estimate["value"] is None else math.degrees(estimate["value"])
         estimate = {"value": value, "std": turned[0], "interval90": turned[1:]}
     return {"pretension_mm": pretension_mm, "quantity": quantity, "name": name, "estimate": estimate, "unit": unit}
+
+
+def _parameters(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, Any]]:
+    return [*_of_resonances(document), *_of_decays(_of_torsion(document)), *_of_constants(results)]
+
+
+def _of_torsion(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of the ring-downs that could be analysed."""
+    return [row for row in document.get("ring_down", []) if "damping_ratio" in row]
 
 
 def _of_resonances(document: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -1,0 +1,170 @@
+"""A folder of very many runs: how long it takes to index, search and overlook, and in how much memory.
+
+The runs are made by chance around an oscillator whose resonance falls as it ages; a recording of 30 MB would lie beside
+each, and is never opened for any of this. One in a hundred is cut short, one is a stranger's folder.
+"""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sinew.measure import schema
+from sinew.measure.files.netcdf import provenance, save_dataset
+
+FALLS_HZ = 0.012
+"""By how much the resonance of the joint falls in a month."""
+
+BEGAN = datetime(2026, 1, 5, 9, tzinfo=UTC)
+PRETENSIONS_MM = (2.0, 6.0)
+_FREQUENCIES_HZ = np.linspace(2.0, 5.0, 13)
+_REPEATS = 3
+_MONTHS = 12.0
+_DAYS_OF_A_MONTH = 365.2425 / 12
+
+
+def make_runs(folder: Path, count: int, seed: int = 0) -> None:
+    """Write so many runs of a year into a folder, results alone."""
+    random = np.random.default_rng(seed)
+    for number in range(count):
+        run = folder / f"run-{number:04d}"
+        run.mkdir(parents=True)
+        months = _MONTHS * number / max(1, count - 1)
+        path = run / "results.nc"
+        if number % 100 == 51:
+            (run / "readme.txt").write_text("somebody else's folder\n", encoding="utf-8")
+            continue
+        save_dataset(synthetic_results(months, random), path)
+        if number % 100 == 50:
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        if number % 10 == 0:
+            (run / "notes.json").write_text('{"notes": "after the move", "tags": ["aged"]}', encoding="utf-8")
+        at = (BEGAN + timedelta(days=_DAYS_OF_A_MONTH * months)).timestamp()
+        os.utime(path, (at, at))
+
+
+def synthetic_results(months: float, random: np.random.Generator) -> xr.Dataset:
+    """Return the results of a run of a joint of so many months, valid by the schema."""
+    sizes = {"pretension_mm": len(PRETENSIONS_MM), "frequency_hz": _FREQUENCIES_HZ.size, "repeat": _REPEATS}
+    axes = {
+        "pretension_mm": np.array(PRETENSIONS_MM),
+        "frequency_hz": _FREQUENCIES_HZ,
+        "repeat": np.arange(1, _REPEATS + 1),
+    }
+    resonance = 2.9 + 0.08 * np.array(PRETENSIONS_MM) - FALLS_HZ * months + 0.01 * random.normal(size=2)
+    damping = 0.09 + 0.004 * random.normal(size=(2, _REPEATS))
+    ratio = _FREQUENCIES_HZ[None, :, None] / resonance[:, None, None]
+    noise = 1 + 0.01 * random.normal(size=(2, _FREQUENCIES_HZ.size, _REPEATS))
+    gain = noise / np.hypot(1 - ratio**2, 2 * damping.mean() * ratio)
+    known = {
+        "gain": gain,
+        "amplitude_rad": 0.3 * gain,
+        "amplitude_std_rad": 0.003 * gain,
+        "gain_measured_drive": gain,
+        "gain_measured_drive_std": 0.01 * gain,
+        "phase_lag_rad": np.broadcast_to(np.arctan2(2 * 0.09 * ratio, 1 - ratio**2), gain.shape),
+        "phase_std_rad": np.full(gain.shape, 0.01),
+        "phase_delay_std_rad": np.full(gain.shape, 0.01),
+        "settled": np.ones(gain.shape),
+        "saturated_share": np.zeros(gain.shape),
+        "damping_ratio": damping,
+        "decay_frequency_hz": np.broadcast_to(resonance[:, None], damping.shape),
+    }
+    centres = {"resonance_hz": (resonance, 0.006), "gain_peak": (gain.mean(-1).max(1), 0.04)}
+    for name, (value, std) in centres.items():
+        own, low, high = schema.companions(name)
+        known |= {
+            name: value,
+            own: np.full(2, std * np.sqrt(_REPEATS)),
+            low: value - 1.69 * std,
+            high: value + 1.69 * std,
+        }
+    rows = {
+        name: row
+        for name, row in schema.RESULT_VARIABLES.items()
+        if row.dims and set(row.dims) <= set(axes) and name not in axes and name not in _LEFT_OUT
+    }
+    variables = {}
+    for name, row in rows.items():
+        values = known.get(name, np.full([sizes[dim] for dim in row.dims], np.nan))
+        unit = "rad" if row.unit == "*" else row.unit
+        variables[name] = (row.dims, values, {"units": unit, "long_name": row.meaning})
+    made = xr.Dataset(variables, {name: schema.result_axis(name, values) for name, values in axes.items()})
+    rig, plan = 'name = "bench"\n', 'name = "weekly"\n'
+    more: dict[str, Any] = {
+        "schema": schema.RESULTS_SCHEMA,
+        "recording_hash": "0" * 64,
+        "response_unit": "rad",
+        "drive_unit": "rad",
+    }
+    more |= {"resonance_notes": "", "doubts": "[]", "effects_off": "", "recording_versions": ""}
+    return schema.validate_results(made.assign_attrs(provenance("bench", rig=rig, plan=plan, **more)))
+
+
+_LEFT_OUT = {
+    *schema.POWER_COLUMNS,
+    *(column for name in schema.ENERGY_QUANTITIES for column in (name, *schema.companions(name))),
+}
+
+
+def main(arguments: Sequence[str] = ()) -> None:
+    """Make the runs, and measure what `sinew runs` and the page of runs do with them."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks runs")
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, help="where the runs are or will be; else a folder that goes away")
+    asked = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as own:
+        folder = asked.folder or Path(own) / "runs"
+        if not folder.exists():
+            make_runs(folder, asked.runs, asked.seed)
+        done = subprocess.run(
+            [sys.executable, "-c", f"from benchmarks.run_index import measure; measure({str(folder)!r})"],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        print(done.stdout, end="")
+
+
+def measure(folder: str) -> None:
+    """Print processor time and memory of each step, in a process of its own."""
+    from sinew.analysis.history.trend import differences, trends
+    from sinew.apps.dashboard.work.results import run_results
+    from sinew.apps.dashboard.work.runs import index_of, list_runs
+
+    def spent(what: str, do: object, times: int = 1) -> object:
+        best, said = np.inf, None
+        for _ in range(times):
+            began = time.process_time()
+            said = do()  # type: ignore[operator]
+            best = min(best, time.process_time() - began)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(f"{what:60s} {best:8.3f} s   {peak:6.0f} MB")
+        return said
+
+    print(f"{'processor time, best of several, and memory so far':60s}")
+    with index_of(folder) as index:
+        print(spent("first index", index.refresh))
+        print(spent("refresh, nothing changed", index.refresh, 3))
+        hard = "f_r>2.9 pretension=6 tag:aged D<0.1 move"
+        print(len(spent(f"search {hard}", lambda: index.search(hard), 5)), "runs found")  # type: ignore[arg-type]
+        print(len(spent("search for nothing: all runs", index.search, 3)), "runs found")  # type: ignore[arg-type]
+        runs = index.search()
+        spent("differences of two runs", lambda: differences(runs[0], runs[1]), 3)
+    spent("trend, from opening the index on", lambda: trends(list_runs(folder, "pretension=6"), "resonance_hz"), 3)
+    (one,) = trends(list_runs(folder, "pretension=6"), "resonance_hz")
+    print(one.sentence)
+    names = [row["name"] for row in runs if row["analysed"]][:12]
+    spent("twelve runs opened the first time", lambda: [run_results(Path(folder) / name) for name in names])
+    spent("twelve runs opened again", lambda: [run_results(Path(folder) / name) for name in names], 3)

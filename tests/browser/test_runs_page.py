@@ -1,0 +1,114 @@
+"""The page of runs in a real browser: searched by numbers, by keyboard, noted, renamed, put away and taken back."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from benchmarks.run_index import make_runs
+from tests.browser.dashboard import Served, served
+
+axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+
+pytestmark = pytest.mark.slow
+
+Open = Callable[..., Any]
+ROWS = "#sinew-runs tbody tr"
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """Give a dashboard over six runs of a year."""
+    runs = tmp_path_factory.mktemp("lab")
+    make_runs(runs, 6)
+    with served(runs) as dashboard:
+        yield dashboard
+
+
+def listed(opened: Open, lab: Served, path: str = "/runs", *, take: bool = False) -> Any:
+    """Return the page with its list filled, in control of the bench where asked for."""
+    page = opened(lab, path)
+    if take:
+        page.wait_for_function("Sinew.status().signed_in")
+        page.click("#sinew-take")
+        page.wait_for_function("Sinew.status().operator && Sinew.status().operator.mine")
+    page.wait_for_selector(f"{ROWS} td:nth-child(3)")
+    return page
+
+
+def await_rows(page: Any, count: int) -> None:
+    page.wait_for_function(f"document.querySelectorAll('{ROWS} [role=checkbox]').length === {count}")
+
+
+def test_a_search_by_numbers_finds_runs_and_stands_in_the_address(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab)
+    page.fill("input[type=search]", "tag:aged f_r>3 pretension=6")
+    await_rows(page, 1)
+    page.wait_for_function("location.search.startsWith('?search=tag')")
+    assert "run-0000" in page.inner_text(ROWS)
+
+
+def test_a_search_that_is_none_says_what_was_expected(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab)
+    page.fill("input[type=search]", "f_q>3")
+    page.wait_for_selector(".sinew-bad")
+    assert "is f_r meant?" in page.inner_text(".sinew-bad")
+
+
+def test_a_trend_is_told_in_a_sentence_beside_its_chart(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab)
+    page.wait_for_selector("[data-trend] svg")
+    assert "f_r at 6 mm falls by" in page.inner_text("[data-trend]")
+
+
+def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab)
+    page.wait_for_selector(f"{ROWS}[tabindex='0']")
+    page.locator(ROWS).first.focus()
+    for step, key in enumerate(("Space", "ArrowDown", "Space")):
+        page.keyboard.press(key)
+        page.wait_for_function(f"document.querySelectorAll('{ROWS}.selected').length === {(1, 1, 2)[step]}")
+        page.wait_for_function(f"document.activeElement.matches('{ROWS}')")
+    page.click("#sinew-open")
+    page.wait_for_selector("[data-compared]")
+    assert "significant at 90 %" in page.inner_text("main")
+    other = listed(opened, lab, page.url.removeprefix(lab.base))
+    other.wait_for_function(f"document.querySelectorAll('{ROWS}.selected').length === 2")
+
+
+def test_enter_opens_the_row_that_has_the_focus(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab)
+    page.wait_for_selector(f"{ROWS}[tabindex='0']")
+    page.locator(ROWS).first.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/runs?open=run-0005")
+
+
+def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab, "/runs?open=run-0002", take=True)
+    page.wait_for_selector("[data-keep]")
+    page.fill("[data-notes]", "a new tendon")
+    page.fill("[data-tags]", "tendon second")
+    page.click("[data-keep]")
+    page.wait_for_selector("text=notes and tags of run-0002 are kept")
+    page.wait_for_selector(f"{ROWS}:has-text('tendon second')")
+    page.fill("[data-name]", "mended")
+    page.click("[data-rename]")
+    page.wait_for_url("**/runs?open=mended")
+    page.wait_for_selector("[data-keep]")
+    assert page.input_value("[data-tags]") == "tendon second"
+    page.click("[data-bin]")
+    page.wait_for_url("**/runs")
+    page.wait_for_selector("[data-restore]")
+    assert not Path(lab.runs / "mended").exists()
+    page.click("[data-restore]")
+    page.wait_for_selector(f"{ROWS}:has-text('mended')")
+    assert Path(lab.runs / "mended" / "notes.json").exists()
+
+
+def test_axe_finds_nothing_on_runs_that_are_compared(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab, "/runs?open=run-0000&open=run-0001")
+    page.wait_for_selector("[data-compared]")
+    page.wait_for_selector("[data-trend] svg")
+    found = axe_api.Axe().run(page).response["violations"]
+    assert [(rule["id"], [node["html"][:160] for node in rule["nodes"]]) for rule in found] == []

@@ -1,0 +1,110 @@
+"""Runs are renamed, noted, put into the bin and taken back: whole or not at all, and nothing that is under way."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.unit.bench_journal import RIG_TEXT
+from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
+
+from sinew.apps.dashboard.operators import RefusedError
+from sinew.apps.dashboard.work.runs import bin_run, list_bin, list_runs, note_run, rename_run, restore_run
+from sinew.bench.record.journal import Journal
+
+
+def names(runs: Path) -> list[str]:
+    return sorted(row["name"] for row in list_runs(runs))
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    run_folder(tmp_path / "old", [0])
+    return tmp_path
+
+
+def test_a_run_that_was_renamed_is_listed_by_its_new_name_alone(runs: Path) -> None:
+    assert names(runs) == ["old"]
+    assert rename_run(runs, "old", "new") == "the run old is called new now"
+    assert names(runs) == ["new"]
+
+
+@pytest.mark.parametrize("to", ["../out", "rigs", "", ".hidden", "a/b"])
+def test_a_name_that_leads_elsewhere_is_refused(runs: Path, to: str) -> None:
+    with pytest.raises(RefusedError, match="letters, digits"):
+        rename_run(runs, "old", to)
+    assert names(runs) == ["old"]
+
+
+def test_a_name_that_is_taken_is_refused(runs: Path) -> None:
+    (runs / "taken").mkdir()
+    with pytest.raises(RefusedError, match="there is a run taken already"):
+        rename_run(runs, "old", "taken")
+
+
+@pytest.mark.parametrize("name", ["none", "../old", ".bin"])
+def test_what_is_no_run_is_not_put_into_the_bin(runs: Path, name: str) -> None:
+    with pytest.raises(RefusedError, match="there is no run"):
+        bin_run(runs, name)
+
+
+def test_a_run_comes_back_from_the_bin_as_it_was(runs: Path) -> None:
+    before = (runs / "old" / "journal.sqlite").read_bytes()
+    bin_run(runs, "old")
+    assert (names(runs), list_bin(runs)) == ([], ["old"])
+    restore_run(runs, "old")
+    assert (names(runs), list_bin(runs)) == (["old"], [])
+    assert (runs / "old" / "journal.sqlite").read_bytes() == before
+
+
+def test_two_runs_of_one_name_lie_side_by_side_in_the_bin(runs: Path) -> None:
+    bin_run(runs, "old")
+    run_folder(runs / "old", [0])
+    assert bin_run(runs, "old") == "the run old lies in the bin as old.2"
+    assert list_bin(runs) == ["old", "old.2"]
+
+
+def test_a_run_does_not_come_back_over_another_one(runs: Path) -> None:
+    bin_run(runs, "old")
+    run_folder(runs / "old", [0])
+    with pytest.raises(RefusedError, match="there is a run old already"):
+        restore_run(runs, "old")
+
+
+def test_a_bin_that_is_a_link_is_refused(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    (runs / ".bin").symlink_to(tmp_path_factory.mktemp("elsewhere"))
+    with pytest.raises(RefusedError, match="no folder of ours"):
+        bin_run(runs, "old")
+
+
+def test_a_run_under_way_is_neither_renamed_nor_put_away(runs: Path) -> None:
+    with Journal.open(runs / "old" / "journal.sqlite", PLAN_TEXT, RIG_TEXT):
+        with pytest.raises(RefusedError, match="under way"):
+            rename_run(runs, "old", "new")
+        with pytest.raises(RefusedError, match="under way"):
+            bin_run(runs, "old")
+
+
+def test_notes_and_tags_are_found_by_a_search_at_once(runs: Path) -> None:
+    assert list_runs(runs, "tag:aged") == []
+    note_run(runs, "old", "after the Move", ["aged", "aged", "first"])
+    (row,) = list_runs(runs, "tag:aged move")
+    assert (row["notes"], row["tags"]) == ("after the Move", ["aged", "first"])
+
+
+@pytest.mark.parametrize("tags", [["two words"], ["<b>"], [""], [f"t{k}" for k in range(21)]])
+def test_tags_that_a_search_could_not_name_are_refused(runs: Path, tags: list[str]) -> None:
+    with pytest.raises(RefusedError, match="expected up to 20"):
+        note_run(runs, "old", "", tags)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"notes": 1}', json.dumps({"notes": "x", "tags": 3})])
+def test_notes_of_somebody_else_harm_nobody(runs: Path, text: str) -> None:
+    (runs / "old" / "notes.json").write_text(text)
+    (row,) = list_runs(runs)
+    assert (row["notes"], row["tags"], row["state"]) == ("", [], "stopped")
+
+
+def test_a_note_keeps_the_begin_of_a_run_as_it_was(runs: Path) -> None:
+    before = list_runs(runs)[0]["started"]
+    note_run(runs, "old", "noted", [])
+    assert list_runs(runs)[0]["started"] == before

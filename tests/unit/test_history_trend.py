@@ -1,0 +1,103 @@
+"""Change over months and difference of two runs: known slopes are found, and intervals hold what they say."""
+
+import math
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sinew.analysis.history.trend import DAYS_OF_A_MONTH, by_chance, differences, fit_line, trends
+
+BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+def run(name: str, day: float, value: float, std: float = 0.01, **more: Any) -> dict[str, Any]:
+    ends = [value - 1.6448536 * std, value + 1.6448536 * std]
+    found = {"pretension_mm": 6.0, "resonance_hz": {"value": value, "std": std, "interval90": ends}}
+    started = (BEGAN + timedelta(days=day)).isoformat()
+    return {"name": name, "started": started, "rig": "mine", "source": "bench", "found": [found], **more}
+
+
+def test_a_line_without_noise_is_found_exactly() -> None:
+    days = np.array([0.0, 10.0, 30.0, 70.0])
+    line = fit_line(days, 3.0 - 0.002 * days, np.full(4, 0.01))
+    assert line.slope.value == pytest.approx(-0.002, rel=1e-9)
+    assert line.at(np.array([100.0])) == pytest.approx([2.8], rel=1e-9)
+    assert line.between == 0.0
+
+
+def test_where_nothing_scatters_beyond_its_own_uncertainty_the_slope_is_that_of_weighted_least_squares() -> None:
+    days, stds = np.array([0.0, 10.0, 30.0, 70.0]), np.array([0.1, 0.1, 0.2, 0.2])
+    values = np.array([3.0, 3.01, 3.05, 2.99])
+    closed = np.polyfit(days, values, 1, w=1 / np.maximum(stds, np.median(stds)))
+    assert fit_line(days, values, stds).slope.value == pytest.approx(closed[0], rel=1e-9)
+
+
+def test_scatter_between_runs_widens_the_interval() -> None:
+    random = np.random.default_rng(0)
+    days = np.linspace(0, 100, 20)
+    line = fit_line(days, 3 + 0.1 * random.normal(size=20), np.full(20, 1e-3))
+    assert line.between == pytest.approx(0.1, rel=0.4)
+    assert line.slope.std == pytest.approx(line.between / math.sqrt(20 * np.var(days)), rel=0.01)
+
+
+@pytest.mark.parametrize("between", [0.02, 0.1])
+def test_ninety_of_a_hundred_intervals_hold_the_true_slope(between: float) -> None:
+    random = np.random.default_rng(1)
+    hits = 0
+    for _ in range(400):
+        days, stds = np.sort(random.uniform(0, 200, 12)), random.uniform(0.01, 0.03, 12)
+        values = 3 + 0.001 * days + np.hypot(between, stds) * random.normal(size=12)
+        slope = fit_line(days, values, stds).slope
+        hits += slope.low <= 0.001 <= slope.high
+    assert 0.86 < hits / 400 < 0.95  # 0.9 within two and a half standard deviations of the count, and a little wide
+
+
+def test_a_joint_that_ages_is_told_with_slope_and_months() -> None:
+    runs = [run(str(k), 15 * k, 3.2 - 0.012 * 15 * k / DAYS_OF_A_MONTH) for k in range(13)]
+    (trend,) = trends(runs, "resonance_hz")
+    assert trend.to_json()["slope_per_month"]["value"] == pytest.approx(-0.012, rel=1e-6)
+    assert trend.to_json()["differs_from_zero"] is True
+    assert trend.sentence.startswith("f_r at 6 mm falls by 0.012 Hz a month")
+
+
+def test_runs_that_only_scatter_do_not_change() -> None:
+    runs = [run(str(k), 10 * k, 3.0 + 0.01 * (-1) ** k) for k in range(10)]
+    (trend,) = trends(runs, "resonance_hz")
+    assert trend.to_json()["differs_from_zero"] is False
+    assert "does not change beyond its uncertainty" in trend.sentence
+
+
+def test_rigs_sources_and_pretensions_have_lines_of_their_own() -> None:
+    runs = [run("a", 0, 3.0), run("b", 1, 3.0, rig="other"), run("c", 2, 3.0, source="twin")]
+    assert [trend.title for trend in trends(runs, "resonance_hz")] == ["mine, 6 mm", "mine (twin), 6 mm", "other, 6 mm"]
+
+
+def test_two_runs_are_too_few_for_a_line() -> None:
+    (trend,) = trends([run("a", 0, 3.0), run("b", 9, 3.1)], "resonance_hz")
+    assert (trend.line, trend.to_json()["slope_per_month"]) == (None, None)
+
+
+def test_a_run_without_a_date_is_left_out() -> None:
+    assert trends([run("a", 0, 3.0) | {"started": "soon"}], "resonance_hz") == []
+
+
+@pytest.mark.parametrize(("by", "is_significant"), [(0.022, False), (0.025, True), (-0.025, True)])
+def test_a_difference_is_significant_beyond_1_645_combined_standard_deviations(by: float, is_significant: bool) -> None:
+    (found,) = differences(run("a", 0, 3.0), run("b", 1, 3.0 + by))
+    assert found.ratio == pytest.approx(by / (0.01 * math.sqrt(2)), rel=1e-6)
+    assert found.is_significant is is_significant
+    assert (found.difference.low > 0 or found.difference.high < 0) is is_significant
+
+
+def test_a_difference_of_unknown_uncertainty_is_not_called_either_way() -> None:
+    other = run("b", 1, 3.5)
+    other["found"][0]["resonance_hz"] = {"value": 3.5, "std": None, "interval90": [None, None]}
+    (found,) = differences(run("a", 0, 3.0), other)
+    assert (found.is_significant, found.sentence) == (None, "not known")
+
+
+def test_differences_that_chance_alone_would_call_significant_are_counted() -> None:
+    found = differences(run("a", 0, 3.0), run("b", 1, 3.1)) * 10
+    assert "1 would be so by chance" in by_chance(found)
