@@ -1,12 +1,15 @@
-"""What viewers cost: `python -m campaigns.viewers --hours 2` streams a journal that is written faster than time to four
+"""What viewers cost. `python -m campaigns.viewers --hours 2` streams a journal that is written faster than time to four
 viewers and follows the memory of the pages' server; `--cycles 60` runs an emulated bench in real time with four viewers
-and without, and lays the begins of its cycles side by side. JSON on stdout."""
+and without, and lays the begins of its cycles side by side; `--hours 12 --browser 60` lets Chromium, which draws by
+software, watch so many hours within so many seconds, and tells the frames of an oscilloscope with eight traces, and the
+memory of server and page at begin, middle and end. JSON on stdout."""
 
 import argparse
 import asyncio
 import itertools
 import json
 import math
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -31,6 +34,22 @@ VIEWERS = 4
 RATE_HZ = 200.0
 WARM_SHARE = 0.2
 SINEW = Path(sys.executable).with_name("sinew")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+BY_SOFTWARE = ["--no-sandbox", "--disable-gpu", "--enable-precise-memory-info"]
+DRAWN = """() => Array.from({ length: 100 }, () => {
+  const began = performance.now();
+  SinewScope.isFresh = true;
+  SinewScope.render();
+  SinewScope.scope.canvas.getContext("2d").getImageData(0, 0, 1, 1); // until it is drawn
+  return performance.now() - began;
+})"""
+TO_THE_BEGIN = """async () => {
+  const began = performance.now();
+  SinewScope.go(0, 5);
+  SinewScope.render();
+  while (SinewScope.bins.time[0] !== 0 || SinewScope.missing.length) await new Promise((go) => setTimeout(go, 20));
+  return performance.now() - began;
+}"""
 PLAN = """
 name = "viewers"
 [pretension]
@@ -219,6 +238,60 @@ def stream_hours(hours: float, speed: float, viewers: int = VIEWERS) -> dict[str
     }
 
 
+def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
+    """Return what a browser shows of a run of so many hours that is written within so many seconds, and what it costs.
+
+    `frames_per_s` of the oscilloscope with eight traces, every second; `draw_ms`: what one of its pictures takes of the
+    page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server, and of the page what its
+    scripts hold, after they were swept, at begin, middle and end; `to_the_begin_ms`: until the first samples are seen.
+    """
+    from playwright.sync_api import sync_playwright
+
+    speed, found = 3600 * hours / seconds, {}
+    with tempfile.TemporaryDirectory() as folder:
+        runs = Path(folder)
+        (runs / "long").mkdir()
+        ready = threading.Event()
+        arguments = (runs / "long" / "journal.sqlite", 3600 * hours, speed, ready)
+        writer = threading.Thread(target=write_fast, args=arguments, daemon=True)
+        status = {"run": {"name": "long", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
+        with saying(status) as steering, pages(runs, steering) as (port, process), sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=BY_SOFTWARE)
+            page = browser.new_page()
+            sweeper = page.context.new_cdp_session(page)
+            writer.start()
+            ready.wait(30.0)
+            page.goto(f"http://127.0.0.1:{port}/")
+            page.wait_for_function("Number(document.body.dataset.samples) > 100", timeout=120_000)
+
+            def memory() -> dict[str, float]:
+                sweeper.send("HeapProfiler.collectGarbage")
+                held = sweeper.send("Runtime.getHeapUsage")["usedSize"] / 2**20
+                with JournalReader(runs / "long" / "journal.sqlite") as journal:
+                    at = journal.last_sample() / RATE_HZ / 3600
+                return {"at_h": round(at, 2), "server": round(memory_mb(process), 1), "page": round(held, 1)}
+
+            found["traces"] = page.evaluate("SinewScope.scope.lines(SinewScope.bins).length")
+            found["memory_mb"], found["frames_per_s"] = [memory()], []
+            while writer.is_alive():
+                page.wait_for_timeout(1000)
+                found["frames_per_s"].append(float(page.evaluate("document.body.dataset.fps") or 0))
+                with JournalReader(runs / "long" / "journal.sqlite") as journal:
+                    share = journal.last_sample() / RATE_HZ / 3600 / hours
+                if share > 0.5 * len(found["memory_mb"]):
+                    found["memory_mb"].append(memory())
+            found["memory_mb"].append(memory())
+            times = page.evaluate(DRAWN)
+            found["draw_ms"] = {
+                "least": min(times),
+                "median": float(np.median(times)),
+                "p95": float(np.percentile(times, 95)),
+            }
+            found["to_the_begin_ms"] = page.evaluate(TO_THE_BEGIN)
+            browser.close()
+    return {"hours": hours, "seconds": seconds, **found}
+
+
 def one_run(seconds: float, viewers: int) -> dict[str, Any]:
     """Return the begins of the cycles of a run on an emulated bench in real time, with so many viewers."""
     with tempfile.TemporaryDirectory() as folder:
@@ -274,10 +347,13 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=0.0, help="time that is streamed [h]")
     parser.add_argument("--speed", type=float, default=60.0, help="how many times as fast as time")
     parser.add_argument("--cycles", type=float, default=0.0, help="length of the runs in real time [s]")
+    parser.add_argument("--browser", type=float, default=0.0, help="time in which a browser watches those hours [s]")
     parser.add_argument("--repeats", type=int, default=2)
     asked = parser.parse_args()
     found: dict[str, Any] = {}
-    if asked.hours:
+    if asked.browser:
+        found["browser"] = look_by_browser(asked.hours or 12.0, asked.browser)
+    elif asked.hours:
         found["stream"] = stream_hours(asked.hours, asked.speed)
     if asked.cycles:
         found["cycles"] = compare_cycles(asked.cycles, asked.repeats)

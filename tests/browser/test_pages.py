@@ -29,6 +29,7 @@ PAGES = {
     "/plan": "#sinew-duration",
     "/runs": "#sinew-open",
     "/runs/soft,stiff": "a[data-kind=csv]",
+    "/run/soft/samples": "#sinew-segment option:nth-child(2)",
     "/design": "#sinew-peak",
 }
 
@@ -37,7 +38,7 @@ PAGES = {
 @pytest.mark.parametrize("path", PAGES)
 def test_axe_finds_nothing(opened: Open, shown: Served, path: str, theme: str) -> None:
     page = opened(shown, path, theme=theme)
-    page.wait_for_selector(PAGES[path])
+    page.wait_for_selector(PAGES[path], state="attached")
     page.wait_for_timeout(500)
     found = axe_api.Axe().run(page).response["violations"]
     said = [(rule["id"], node["html"][:160], node["failureSummary"][:200]) for rule in found for node in rule["nodes"]]

@@ -10,7 +10,7 @@ from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 from tests.unit.bench_virtual import virtual_bench
 
-from sinew.apps.dashboard.hub import LiveChannels
+from sinew.apps.dashboard.work.samples import LiveChannels
 from sinew.bench.guard import Guard, Watch
 from sinew.emulator.plant import Unloaded
 from sinew.measure.errors import LostError, SpecError

@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.hub import Ring, thin
+from sinew.apps.dashboard.hub import Ring
+from sinew.apps.dashboard.work.samples import thin
 
 values = st.lists(st.floats(-100, 100), min_size=1, max_size=200)
 

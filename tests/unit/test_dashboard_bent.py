@@ -10,8 +10,9 @@ import pytest
 from tests.unit.bench_journal import RIG, RIG_TEXT, Node, cycle
 from tests.unit.bent_signals import Rates, arc, orientation, sensed
 
-from sinew.apps.dashboard.hub import JournalTail, LiveChannels, drawn_rig
+from sinew.apps.dashboard.hub import JournalTail
 from sinew.apps.dashboard.work.design import prediction_for_plan, preview_document
+from sinew.apps.dashboard.work.samples import LiveChannels, drawn_rig
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.measure.events import Contact, Pulled

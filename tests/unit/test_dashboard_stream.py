@@ -13,18 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.hub import (
-    MOST_MESSAGE,
-    Channel,
-    Hub,
-    Live,
-    LiveChannels,
-    Ring,
-    View,
-    frame_of,
-    state_of,
-)
+from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, state_of
 from sinew.apps.dashboard.judgement import Readings, alarm_limits
+from sinew.apps.dashboard.work.samples import Channel, LiveChannels
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Ended, Health

@@ -257,8 +257,8 @@ def _like(text: str) -> str:
 
 # The index: what each run is and found, in SQLite beside the runs. The folders are the truth, the index is made from
 # them and may be thrown away at any time. A run is known by its folder's name and by sizes and times of its files; a
-# folder that cannot be read is a row that says why. Several processes may look after one index at once: SQLite writes one of
-# them after the other, and both write the same.
+# folder that cannot be read is a row that says why. Several processes may look after one index at once: SQLite writes
+# one of them after the other, and both write the same.
 
 INDEX = ".index"
 """Folder of the index in the folder of the runs."""

@@ -22,188 +22,27 @@ import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
-from sinew.apps.dashboard.judgement import Readings, alarm_limits, judged
+from sinew.apps.dashboard.judgement import Readings, judged
 from sinew.apps.dashboard.operators import unlinked
+from sinew.apps.dashboard.work.samples import (
+    GAP_S,
+    TORSION,
+    Channel,
+    LiveChannels,
+    drawn_rig,
+    dumped,
+    journal_spans,
+    thin,
+)
 from sinew.apps.dashboard.worker import Work
 from sinew.bench.record.journal import JournalReader, Stretch
-from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
-from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
 from sinew.measure.events import Contact, Doubted, Ended, Event, Frozen, Health, Severity
 from sinew.plan.plan import Plan
-from sinew.plan.pose import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
-
-# A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
-
-
-_SIDES = 28
-"""Points around a section of the silicone; some go along each axis, where a flat section has its ends."""
-
-
-def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
-    """Return what a page draws of a rig, for JSON.
-
-    `shape`: lengths in those of the silicone, the number of tendons, and the points (y, z) of the silicone's surface
-    around a section; `length_mm` of the silicone; `labels` of the traces by key; `sensors`: key and label of those with
-    a node of their own; `tension_limit_n` [N]; `alarms`: by reading, where its alarm begins unless somebody sets it
-    elsewhere, and the rig's own limit; `pose`: in words, None of an upright head, which is drawn upright.
-    """
-    length = rig.silicone.length.value
-    circle = rig.tendons.head_radius.value / length
-    radius = 0.5 * rig.silicone.diameter.value / length
-    shape = {
-        "length": 1.0,
-        "outline": (rig.outline(np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)) / length).tolist(),
-        "circle": max(circle, radius + 0.04),  # tendons that run inside the silicone would not be seen
-        "plate": max(circle, radius) + 0.16,
-        "lever": 1.2 * max(circle, radius) + 0.3,
-        "tendons": rig.tendons.count,
-    }
-    labels = {channel.key: channel.label for channel in LiveChannels(rig, pose).channels}
-    sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
-    return {
-        "shape": shape,
-        "length_mm": 1e3 * length,
-        "labels": labels,
-        "sensors": sensors,
-        "tension_limit_n": rig.limits.tension_n,
-        "name": rig.name,
-        "alarms": alarm_limits(rig),
-        "pose": None if pose.is_straight else pose.words(),
-    }
-
-
-# The samples of a journal become what the oscilloscope shows, in the units of a screen.
-
-
-_MEMORY_S = 3.0  # of the live torsion: long against a turn, short against a drift
-_LONG_STEP_S = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A trace: its key, the label and the unit that stand beside it."""
-
-    key: str
-    label: str
-    unit: str
-
-
-class LiveChannels:
-    """Turns rows of a run's journal into traces, batch after batch.
-
-    The torsion is the gyroscope's rate, integrated by trapezoids with a leak of 3 s that takes the drift out: at 3 Hz
-    it leads by 1° and is for the eye alone; what is measured comes from `sinew.analysis`. Of a pose that is not upright
-    there are the head's tilt, by the orientation filter of the bench, and how far the tendons drew the plates together;
-    what the gyroscope under-reads there is made good.
-    """
-
-    def __init__(self, rig: RigSpec, pose: Pose = STRAIGHT, sample_hz: float = 200.0) -> None:
-        self._tendons = rig.tendons.count
-        self._force = rig.tendons.tension(1.0)
-        self._radius = rig.tendons.pulley_radius.value
-        self.channels = (
-            Channel("drive_command", "lever, command", "°"),
-            Channel("drive", "lever θ", "°"),
-            Channel("torsion", "torsion φ", "°"),
-            Channel("drive_current", "drive current", "A"),
-            *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
-            Channel("tilt", "tilt", "°"),
-            *(Channel(one.channel, one.model, one.unit) for one in rig.sensors),
-            *(() if pose.is_straight else _BENT),
-        )
-        self._bent = None if pose.is_straight else _BentHead(rig, pose, sample_hz)
-        self._share = gyro_share(pose.bend_rad)
-        self._sensors = [one.channel for one in rig.sensors]
-        self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
-
-    def take(self, rows: dict[str, Array]) -> Array:
-        """Return the traces (c, n), in the order of `channels`, of rows as `JournalReader.samples` gives them."""
-        tendons = [rows[f"tendon_{i + 1}_current_a"] for i in range(self._tendons)]
-        torsion = self._integrate(rows["time_s"], rows["gyro_x_rad_s"] / self._share)
-        return np.stack(
-            [
-                np.degrees(rows["drive_command_rad"]),
-                np.degrees(rows["drive_rad"]),
-                np.degrees(torsion),
-                rows["drive_current_a"],
-                *tendons,
-                np.degrees(rows["tilt_rad"]),
-                *(rows[name] for name in self._sensors),
-                *(() if self._bent is None else self._bent.take(rows, torsion)),
-            ]
-        )
-
-    def touch(self, angles: Array) -> None:
-        """Take notice of where the tendon motors stood at first contact [rad], (tendon,)."""
-        if self._bent is not None:
-            self._bent.contact = angles
-
-    def tensions(self, traces: Array) -> list[float]:
-        """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
-        currents = traces[4 : 4 + self._tendons, -1]
-        return [float(max(0.0, current) * self._force) if np.isfinite(current) else math.nan for current in currents]
-
-    def _integrate(self, time: Array, rate: Array) -> Array:
-        out = np.empty(time.size)
-        for i, (now, value) in enumerate(zip(time.tolist(), rate.tolist(), strict=True)):
-            step = now - self._time
-            if math.isfinite(value) and math.isfinite(self._rate) and 0.0 < step < _LONG_STEP_S:
-                self._torsion += 0.5 * (value + self._rate) * step
-                self._torsion *= math.exp(-step / _MEMORY_S)
-            if math.isfinite(now):
-                self._time = now
-            if math.isfinite(value):
-                self._rate = value
-            out[i] = self._torsion
-        return out
-
-
-_BENT = (
-    Channel("pitch", "pitch of the head", "°"),
-    Channel("roll", "roll of the head", "°"),
-    Channel("in_plane", "tilt in plane", "°"),
-    Channel("out_of_plane", "tilt out of plane", "°"),
-    Channel("shortening", "plates drawn together by", "mm"),
-)
-
-
-class _BentHead:
-    """The head of a bent joint, sample by sample.
-
-    contact: angles of the tendon motors at first contact [rad], NaN where that is not known. Since then a motor has
-    taken up r Δangle of its cable, which is longer by ΔT/k itself; the mean of what is left is how far the plates came
-    together. The tilt is counted in the head's axes, which the torsion turns, and comes out in those of the base.
-    """
-
-    def __init__(self, rig: RigSpec, pose: Pose, sample_hz: float) -> None:
-        self._tilt, self._pose, self._tendons = TiltEstimator(rig, sample_hz), pose, rig.tendons
-        self.contact = np.full(rig.tendons.count, np.nan)
-
-    def take(self, rows: dict[str, Array], torsion: Array) -> Array:
-        """Return pitch, roll, tilt away from the pose in its plane and out of it [deg], shortening [mm]: (5, n)."""
-        axes = [rows[f"gyro_{a}_rad_s"] for a in "xyz"] + [rows[f"acceleration_{a}_m_s2"] for a in "xyz"]
-        tilt = np.empty((torsion.size, 2))
-        for i, (now, *told) in enumerate(zip(rows["imu_time_s"].tolist(), *map(np.ndarray.tolist, axes), strict=True)):
-            known = math.isfinite(self._tilt.update(tuple(told[:3]), tuple(told[3:]), now))
-            tilt[i] = self._tilt.components if known else math.nan
-        cos, sin = np.cos(torsion), np.sin(torsion)
-        pitch, roll = cos * tilt[:, 0] - sin * tilt[:, 1], sin * tilt[:, 0] + cos * tilt[:, 1]
-        stands = quaternion(torsion, np.hypot(pitch, roll), np.arctan2(-pitch, roll))
-        away = tilt_from(stands, self._pose.bend_rad, self._pose.azimuth_rad)
-        return np.vstack([np.degrees([pitch, roll, *away.T]), 1e3 * self._drawn_together(rows)])
-
-    def _drawn_together(self, rows: dict[str, Array]) -> Array:
-        """Return by how much the plates are nearer than at first contact [m], (n,)."""
-        count, tendons = self.contact.size, self._tendons
-        angle, current = (np.stack([rows[f"tendon_{i + 1}_{of}"] for i in range(count)]) for of in ("rad", "current_a"))
-        taken_up = tendons.pulley_radius.value * (angle - self.contact[:, None])
-        pulled = tendons.tension(np.maximum(current, 0.0)) - tendons.first_contact_tension.value
-        return np.asarray(np.mean(taken_up - pulled / tendons.cable_stiffness.value, axis=0))
 
 
 class Ring:
@@ -243,12 +82,14 @@ _MOST_ROWS = 4000
 class News:
     """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
     numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
-    groups are finished; where the tendon motors stood at first contact [rad], where that is among the events."""
+    groups are finished; what the clock of the newest rows showed when the time of the run was 0 [s]; where the tendon
+    motors stood at first contact [rad], where that is among the events."""
 
     rows: dict[str, Array]
     events: list[tuple[int, Event]]
     segment: Stretch | None
     groups_done: int
+    zero_s: float = math.nan
     contact: Array | None = None
     times: dict[int, tuple[float, float]] = field(default_factory=dict)
 
@@ -267,6 +108,7 @@ class JournalTail:
         self.found = self._reader.last_sample()  # what was there before we came
         self._last = max(0, self.found - backlog)
         self._event = 0
+        self._session, self._zero_s = 0, math.nan
         source = self._reader.attrs.get("source")
         self.source = None if source is None else str(source)
 
@@ -281,14 +123,17 @@ class JournalTail:
             self._event = events[-1][0]
         touched = any(isinstance(event, Contact) for _, event in events)
         contact = reader.tendons_at_contact() if touched else None
-        return News(rows, events, reader.newest_stretch(), reader.count_finished(), contact, times)
+        if rows and (session := reader.session(self._last)) != self._session:
+            newest = journal_spans(reader)[-1]
+            self._session, self._zero_s = session, newest.clock_s - newest.begin_s
+        return News(rows, events, reader.newest_stretch(), reader.count_finished(), self._zero_s, contact, times)
 
     def close(self) -> None:
         """Give the file back."""
         self._reader.close()
 
 
-FRAME_S = 0.04
+FRAME_S = 1 / 30
 """Time between two frames [s]."""
 
 _STATUS_S = 0.5
@@ -296,7 +141,6 @@ _KEPT = 24_000  # samples: a minute at 400 Hz
 _PLAY_S = 0.12  # a journal gets its rows ten times a second; they are played out evenly
 _MOST_EVENTS = 200
 _MOST_DOUBTS = 8
-_GAP_S = 60.0  # between samples: what lies before was another session of the run
 
 Status = dict[str, Any]
 
@@ -311,7 +155,7 @@ class Live:
     """A run that is followed.
 
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
-    another run is followed. ring: row 0 is the time since the first sample that was seen [s], the others the channels.
+    another run is followed. ring: row 0 is the time of the run [s], 0 at its first sample, the others the channels.
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
     run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run
     doubts of itself. source: what was measured where that is no real bench, else None. seen: when the newest sample
@@ -350,7 +194,7 @@ class Hub:
         self._runs, self._ask = runs, status
         self._tail: JournalTail | None = None
         self._channels: LiveChannels | None = None
-        self._start = self._newest = math.nan
+        self._newest = math.nan
         # A connection of SQLite belongs to its thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._epoch = 0
@@ -422,7 +266,7 @@ class Hub:
         self._tail, self.trouble = tail, ""
         rig, plan = parse_rig(tail.rig_toml), parse_plan(tail.plan_toml)
         self._channels = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
-        self._start = self._newest = math.nan
+        self._newest = math.nan
         self._epoch += 1
         channels = self._channels.channels
         drawn, groups = drawn_rig(rig, plan.rest_pose), len(plan.groups())
@@ -437,7 +281,7 @@ class Hub:
         if news.contact is not None:
             self._channels.touch(news.contact)
         if news.rows:
-            self._put(live, news.rows)
+            self._put(live, news.rows, news.zero_s)
         for number, event in news.events:
             if isinstance(event, Health):
                 live.health = asdict(event)
@@ -459,24 +303,21 @@ class Hub:
                 "amplitude_deg": finite(asked.amplitude_deg),
             }
 
-    def _put(self, live: Live, rows: dict[str, Array]) -> None:
+    def _put(self, live: Live, rows: dict[str, Array], zero_s: float) -> None:
         """Take samples; those from before a run was taken up again are of another clock, and are left out."""
         assert self._channels is not None
         time = rows["time_s"]
         before = self._newest if math.isfinite(self._newest) else float(time[0])
         steps = np.diff(time, prepend=before)
-        breaks = np.flatnonzero((steps < 0) | (steps > _GAP_S))
+        breaks = np.flatnonzero((steps < 0) | (steps > GAP_S))
         if breaks.size:
             first = int(breaks[-1])
             rows, time = {name: column[first:] for name, column in rows.items()}, time[first:]
             self._epoch += 1
             live.epoch, live.ring, live.played = self._epoch, Ring(1 + len(live.channels), _KEPT), 0
-            self._start = math.nan
-        if math.isnan(self._start):
-            self._start = float(time[0])
         self._newest = float(time[-1])
         traces = self._channels.take(rows)
-        live.ring.put(np.vstack([time - self._start, traces]))
+        live.ring.put(np.vstack([time - zero_s, traces]))
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
@@ -632,43 +473,13 @@ def numbered(curves: list[dict[str, Any]], plan_toml: str) -> list[dict[str, Any
 
 # A viewer gets frames over a web socket, as fast as it takes them and no faster.
 
-# Samples are thinned to what a screen can show: least and largest value of each column of pixels.
-
-
-@dataclass(frozen=True)
-class Thinned:
-    """time: begin of each bin [s], (b,), or of each sample where nothing was thinned. low, high: least and largest
-    value of each channel there, (c, b); the same array where nothing was thinned."""
-
-    time: Array
-    low: Array
-    high: Array
-
-
-def thin(time: Array, values: Array, bin_s: float) -> Thinned:
-    """Return the least and largest value of every channel in bins of a common grid, k · bin_s.
-
-    time: not decreasing [s], (n,). values: (c, n), not a number where there is none. bin_s: width of a bin [s].
-    A bin holds what falls into it and is not empty; with one sample or less to a bin the samples are given as they
-    are. Bins lie on one grid, so parts that were thinned one after the other join: a bin that both have is the least
-    of the least and the largest of the largest.
-    """
-    if time.size == 0 or bin_s <= 0 or (time[-1] - time[0]) / bin_s + 1 >= time.size:
-        return Thinned(time, values, values)
-    number = np.floor(time / bin_s)
-    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-    low = np.fmin.reduceat(values, first, axis=1)
-    high = np.fmax.reduceat(values, first, axis=1)
-    return Thinned(number[first] * bin_s, low, high)
-
-
 MOST_MESSAGE = 512
 """Most characters of a message from a viewer."""
 
 _STATE_S = 0.25
 _SEND_S = 10.0
 _LISSAJOUS_POINTS = 120
-_DRIVE, _TORSION = 2, 3  # rows of the ring
+_DRIVE, _TORSION = TORSION, TORSION + 1  # rows of the ring, whose first is the time
 _BASES = (0.5, 60.0)
 _PIXELS = (50, 4000)
 
@@ -723,7 +534,7 @@ def frame_of(live: Live, view: View) -> bytes | None:
     frame: dict[str, Any] = {"kind": "samples", "reset": reset}
     if reset:
         frame["rig"] = live.rig
-        frame["traces"] = [{"key": c.key, "label": c.label, "unit": c.unit} for c in live.channels]
+        frame["traces"] = [asdict(channel) for channel in live.channels]
     thinned = thin(new[0], new[1:], view.base_s / view.pixels)
     frame["time"] = np.round(thinned.time, 4)
     frame["low"] = np.round(thinned.low, 3)
@@ -732,7 +543,7 @@ def frame_of(live: Live, view: View) -> bytes | None:
     frame["points"] = np.round(new[[_DRIVE, _TORSION], ::stride], 2)
     frame["now"] = np.round(new[1:, -1], 3) if new.shape[1] else []
     frame["tension_n"] = live.latest.get("tension_n", [])
-    return orjson.dumps(frame, option=orjson.OPT_SERIALIZE_NUMPY)
+    return dumped(frame)
 
 
 def state_of(hub: Hub, view: View | None = None) -> bytes:

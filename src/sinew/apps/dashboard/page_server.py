@@ -31,6 +31,7 @@ from sinew.apps.dashboard.pages.frame import Site, add_error_pages, sign_in_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
+from sinew.apps.dashboard.pages.samples import add_samples_page
 from sinew.apps.dashboard.work.results import FILES
 from sinew.apps.dashboard.worker import Work, Worker
 from sinew.measure.errors import SinewError
@@ -102,6 +103,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     add_live_page(site)
     add_plan_page(site)
     add_runs_pages(site)
+    add_samples_page(app, site)
     add_design_page(site)
     add_error_pages(site)
     ui.run_with(

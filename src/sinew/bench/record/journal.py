@@ -9,6 +9,7 @@ import json
 import os
 import sqlite3
 import threading
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -584,6 +585,26 @@ class JournalReader:
     def last_sample(self) -> int:
         """Return the id of the newest sample; ids count from 1 without a gap, 0 where there is none."""
         return int(self._connection.execute("SELECT coalesce(max(id), 0) FROM samples").fetchone()[0])
+
+    def first_samples(self) -> list[int]:
+        """Return the id of the first sample of every run that wrote here, in order, without reading the rest."""
+        found: list[int] = []
+        session, last = 0, self.last_sample()
+        while (found[-1] if found else 0) <= last:
+            at = bisect_left(range(last + 1), session + 1, lo=found[-1] if found else 1, key=self.session)
+            if at > last:
+                break
+            found.append(at)
+            session = self.session(at)
+        return found
+
+    def session(self, sample: int) -> int:
+        """Return which run wrote a sample, from 1."""
+        return int(self._connection.execute("SELECT session FROM samples WHERE id = ?", (sample,)).fetchone()[0])
+
+    def clock(self, sample: int) -> float:
+        """Return the time of a sample by the clock of its run [s]."""
+        return float(self._connection.execute("SELECT time_s FROM samples WHERE id = ?", (sample,)).fetchone()[0])
 
     def events(self, after: int = 0) -> list[tuple[int, Event]]:
         """Return (number, event) of every event after a number, in order; numbers count from 1."""

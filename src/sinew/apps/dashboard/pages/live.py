@@ -4,13 +4,14 @@ from typing import Any
 
 from nicegui import ui
 
-from sinew.apps.dashboard.hub import Results, drawn_rig
+from sinew.apps.dashboard.hub import Results
 from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
+from sinew.apps.dashboard.pages.samples import lay_out_scope
+from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.plan.toml import load_rig
 
-_BASES_S = (0.5, 1, 2, 5, 10, 30, 60)
 _LOOK_S = 0.5
 
 
@@ -28,7 +29,8 @@ def add_live_page(site: Site) -> None:
                 said.props("id=sinew-nothing-yet role=status")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card()
-                _scope_card()
+                with live_card("Oscilloscope", 6):
+                    lay_out_scope(is_live=True)
                 _numbers_card()
                 _curves(site)
                 _bench_card()
@@ -41,32 +43,24 @@ def add_live_page(site: Site) -> None:
 def _joint_card() -> int:
     """Lay the joint out and return the number of its scene."""
     with live_card("Joint", 3):
-        scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
-        scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
-        scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
+        about = "The joint as it moves. Arrow keys turn it, plus and minus bring it nearer and farther, Home back."
+        view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
+        with view:
+            scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
+            scene.move_camera(0.95, -1.1, 1.15, 0.0, 0.0, 0.55, duration=0)
+            ui.element("div").props("id=sinew-tensions")
         ui.html(
-            '<div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
+            '<div class="sinew-row"><label for="sinew-exaggeration">Deformation drawn '
+            '<output id="sinew-exaggeration-said" for="sinew-exaggeration">1×</output></label>'
+            '<input type="range" id="sinew-exaggeration" min="1" max="10" step="0.5" value="1" '
+            'aria-valuetext="1 times"><button type="button" class="sinew-button" id="sinew-slow" aria-pressed="false">'
+            "Last periods, 1/10 speed</button>"
+            '</div><div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
             '<span style="color:var(--high)">●</span> '
             '<span id="sinew-tension-limit">–</span> N, the rig\'s limit</div>',
             sanitize=False,
         )
     return scene.id
-
-
-def _scope_card() -> None:
-    with live_card("Oscilloscope", 6):
-        ui.html(
-            '<canvas id="sinew-scope" class="sinew-canvas" role="img" aria-label="Angles and currents over time">'
-            "</canvas>",
-            sanitize=False,
-        ).classes("w-full")
-        ui.html('<div id="sinew-legend" class="sinew-legend"></div>', sanitize=False)
-        bases = choice("sinew-base", "Time base", tuple((f"{s:g}", f"{s:g} s") for s in _BASES_S), "5")
-        ui.html(
-            f'<div class="sinew-row"><span class="sinew-soft" aria-hidden="true">Time base</span>{bases}'
-            '<button type="button" class="sinew-button" id="sinew-freeze" aria-pressed="false">Freeze</button></div>',
-            sanitize=False,
-        )
 
 
 def _numbers(rows: tuple[tuple[str, str], ...]) -> None:

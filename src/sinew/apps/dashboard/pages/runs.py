@@ -456,5 +456,6 @@ def _coupling(name: str, document: dict[str, Any]) -> None:
 
 def _downloads(name: str) -> None:
     with card(f"Files of {name}", 6), ui.element("div").classes("sinew-row"):
+        ui.link("Samples over time", f"/run/{name}/samples").classes("sinew-button")
         for kind, label in _DOWNLOADS:
             ui.link(label, f"/download/{name}/{kind}").props(f"download data-kind={kind}").classes("sinew-button")

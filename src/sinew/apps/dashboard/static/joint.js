@@ -5,13 +5,159 @@
 // by exp(s u), where exp(u) is the head. Really it is softer where it is bent most. The plates' centres are as far apart
 // as the tendons, whose mean is their distance, tell. Of frame B x points up here, y to the right, z to the back.
 
-import { css } from "./scope.js";
+import { Bins, css } from "./scope.js";
+import { risingZeros } from "./oscilloscope.js";
 
 const RINGS = 14;
 
 function mixed(THREE, share) {
   const [low, mid, high] = ["--low", "--mid", "--high"].map((name) => new THREE.Color(css(name)));
   return share < 0.5 ? low.lerp(mid, 2 * share) : mid.lerp(high, 2 * share - 1);
+}
+
+const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PERIODS = 2, LABEL_MS = 200, EVERY_MS = 40, TURN = Math.PI / 18, MOST = 0.9 * Math.PI;
+
+// The joint in its card: turned by mouse, touch and keys, its deformation drawn larger than it is, tensions as numbers,
+// and its last periods slowly.
+export class JointView {
+  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly.
+  constructor(component, traces) {
+    Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, mean: { pitch: 0, roll: 0 } });
+    this.box = document.getElementById("sinew-joint");
+    const slider = document.getElementById("sinew-exaggeration"), slowly = document.getElementById("sinew-slow");
+    slider.addEventListener("input", () => {
+      this.factor = Number(slider.value);
+      slider.setAttribute("aria-valuetext", `${slider.value} times`);
+      document.getElementById("sinew-exaggeration-said").textContent = `${slider.value}×`;
+      this.isFresh = true;
+    });
+    slowly.addEventListener("click", () => {
+      this.slow = this.slow ? null : { at: 0, periods: null };
+      slowly.setAttribute("aria-pressed", String(this.slow !== null));
+    });
+    this.box.addEventListener("keydown", (event) => this.key(event));
+    this.fov = component.camera.fov;
+    new ResizeObserver(() => this.fit()).observe(this.box);
+    this.fit();
+    this.start = component.camera.position.clone();
+    this.drawWhenNew();
+  }
+
+  // Fills the card; a narrow one sees as much across as a square one.
+  fit() {
+    const { camera } = this.component, aspect = this.box.clientWidth / Math.max(1, this.box.clientHeight), half = Math.tan(this.fov * Math.PI / 360);
+    camera.fov = aspect < 1 ? 360 / Math.PI * Math.atan(half / aspect) : this.fov;
+    this.component.resize();
+    this.isFresh = true;
+  }
+
+  // The oscilloscope goes first: where the page falls behind, the joint is drawn less often.
+  yieldTo(rate) { this.every = rate < 27 ? Math.min(1000, 1.5 * this.every) : Math.max(EVERY_MS, 0.9 * this.every); }
+
+  async show(rig) {
+    this.joint?.remove();
+    this.rig = rig;
+    this.joint = await Joint.build(this.component, rig.shape);
+    this.labels = this.joint.tendons.map(() => document.createElement("span"));
+    document.getElementById("sinew-tensions").replaceChildren(...this.labels);
+    this.isFresh = true;
+  }
+
+  // What NiceGUI draws 25 times a second is drawn only where joint or camera moved: a fan that stays quiet.
+  drawWhenNew() {
+    const { renderer, camera } = this.component, draw = renderer.render.bind(renderer), seen = camera.matrixWorld.clone();
+    renderer.render = (scene, by) => {
+      camera.updateMatrixWorld();
+      const now = performance.now();
+      if (now - this.drawn < this.every - 5 || !this.isFresh && seen.equals(camera.matrixWorld)) return;
+      seen.copy(camera.matrixWorld);
+      this.drawn = now;
+      this.isFresh = false;
+      draw(scene, by);
+      this.place();
+    };
+  }
+
+  key(event) {
+    const turns = { ArrowLeft: [-TURN, 0, 1], ArrowRight: [TURN, 0, 1], ArrowUp: [0, -TURN, 1], ArrowDown: [0, TURN, 1],
+      "+": [0, 0, 0.9], "=": [0, 0, 0.9], "-": [0, 0, 1 / 0.9] };
+    const { camera, controls } = this.component;
+    if (event.ctrlKey || event.altKey || event.metaKey || !(event.key in turns || event.key === "Home")) return;
+    event.preventDefault();
+    if (event.key === "Home") camera.position.copy(this.start);
+    else {
+      const [around, up, nearer] = turns[event.key], from = camera.position.clone().sub(controls.target);
+      const long = from.length() * nearer, azimuth = Math.atan2(from.y, from.x) + around;
+      const polar = Math.min(Math.PI - 0.05, Math.max(0.05, Math.acos(from.z / from.length()) + up));
+      camera.position.set(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar)).multiplyScalar(long).add(controls.target);
+    }
+    camera.lookAt(controls.target);
+  }
+
+  // now: newest value of each trace. at: time of the frame [ms].
+  move(now, at) {
+    if (!this.joint) return;
+    const row = (key) => this.traces.traces.findIndex((trace) => trace.key === key);
+    const values = this.slow ? this.slowly(row, at) : (key) => now[row(key)];
+    if (!values) return;
+    const told = [...KEYS, ...this.labels.map((_, i) => `tendon_${i + 1}_current`)].map((key) => values(key) ?? 0);
+    const is = `${this.factor} ${told.map((v) => v.toFixed(2))}`;
+    if (is === this.was) return;
+    this.was = is;
+    const [torsion, drive, pitch, roll, shortening, ...currents] = told, radians = (degrees) => degrees * Math.PI / 180;
+    // The pose is drawn as it is, what sways about it larger.
+    for (const [key, value] of [["pitch", pitch], ["roll", roll]]) this.mean[key] += Math.abs(value - this.mean[key]) > 5 ? value - this.mean[key] : 0.02 * (value - this.mean[key]);
+    const sway = (key, value) => radians(this.mean[key] + this.factor * (value - this.mean[key]));
+    const most = Math.max(this.rig.tension_limit_n, 1);
+    this.tensions = currents.map((current) => Math.max(0, current) * this.rig.newton_per_ampere);
+    this.joint.pose(Math.min(MOST, Math.max(-MOST, this.factor * radians(torsion))), radians(drive), this.tensions.map((t) => t / most),
+      [sway("pitch", pitch), sway("roll", roll)], shortening / this.rig.length_mm);
+    this.isFresh = true;
+  }
+
+  // The last periods of the lever, a tenth as fast, again and again; those that are newest when they begin.
+  slowly(row, at) {
+    const { slow, traces } = this, long = slow.periods ? slow.periods.time.at(-1) - slow.periods.time[0] : 0;
+    slow.at += Math.min(0.2, (at - (slow.last ?? at)) / 1000) / SLOW;
+    slow.last = at;
+    if (!slow.periods || slow.at >= long) { slow.periods = lastPeriods(traces, row("drive")); slow.at = 0; }
+    if (!slow.periods) return null;
+    const { time, rows } = slow.periods, when = time[0] + slow.at;
+    const k = Math.min(Math.max(1, time.findIndex((t) => t >= when)), time.length - 1), share = (when - time[k - 1]) / (time[k] - time[k - 1]);
+    return (key) => row(key) < 0 ? 0 : rows[row(key)][k - 1] + share * (rows[row(key)][k] - rows[row(key)][k - 1]);
+  }
+
+  // Puts each tension beside its tendon.
+  place() {
+    if (!this.tensions || !this.joint) return;
+    const { camera } = this.component, { clientWidth: width, clientHeight: height } = this.box, now = performance.now();
+    const isDue = now - (this.said ?? -LABEL_MS) >= LABEL_MS;
+    if (isDue) this.said = now;
+    this.joint.tendons.forEach((tendon, i) => {
+      const point = tendon.position.clone(), behind = point.distanceTo(camera.position) > camera.position.distanceTo(this.component.controls.target);
+      point.x *= 1.25; point.y *= 1.25;
+      point.project(camera);
+      const label = this.labels[i];
+      label.style.transform = `translate(-50%, -50%) translate(${((point.x + 1) / 2 * width).toFixed(1)}px, ${((1 - point.y) / 2 * height).toFixed(1)}px)`;
+      label.style.zIndex = behind ? "0" : "1";
+      if (isDue) label.textContent = `${i + 1}: ${this.tensions[i].toFixed(0)} N`;
+    });
+  }
+}
+
+// {time, rows} of the last periods of a trace in the stream; of the last two seconds where it does not swing.
+function lastPeriods(traces, row) {
+  const bins = new Bins(traces.traces.map((trace) => trace.key), 4096);
+  for (let k = traces.from(traces.newest - 4); k < traces.count; k++) {
+    const i = k % traces.time.length;
+    bins.add(traces.time[i], traces.low, traces.high, i, bins.keys.length);
+  }
+  if (bins.count < 8) return null;
+  const zeros = row < 0 ? [] : risingZeros(bins, row), swings = zeros.length > PERIODS;
+  const first = bins.from(swings ? zeros.at(-1 - PERIODS) : traces.newest - 2), last = swings ? bins.from(zeros.at(-1)) : bins.count;
+  if (last - first < 4) return null;
+  const middle = (c) => Array.from({ length: last - first }, (_, k) => (bins.low[c][first + k] + bins.high[c][first + k]) / 2);
+  return { time: Array.from(bins.time.slice(first, last)), rows: bins.keys.map((_, c) => middle(c)) };
 }
 
 export class Joint {

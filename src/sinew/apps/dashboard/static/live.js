@@ -1,83 +1,44 @@
-// The live page: frames from the web socket, drawn 25 to 30 times a second, and grey with their age when they are old.
+// The live page: frames from the web socket, drawn 30 times a second where something is new, and grey with their age when they are old.
 
-import { Scope, Lissajous, Traces } from "./scope.js";
-import { Joint } from "./joint.js";
+import { Lissajous, Traces } from "./scope.js";
+import { Oscilloscope, calm } from "./oscilloscope.js";
+import { JointView } from "./joint.js";
 import * as alarms from "./alarms.js";
 
-const FRAME_MS = 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
+const FRAME_MS = () => calm.matches ? 500 : 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
 const $ = (id) => document.getElementById(id);
 const traces = new Traces();
-let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, told = 0, socket = null;
+let scope, lissajous, joint, rig, now = [], tensions = [], state = null, told = 0, socket = null;
 let drawn = 0, drawnSince = performance.now();
-
-const PANELS = ({ shape: { tendons }, sensors, pose }) => [
-  { unit: "angle / °", least: 4, share: 3, lines: [
-    { key: "drive_command", colour: "--command", dash: [5, 4] }, { key: "drive", colour: "--drive" }, { key: "torsion", colour: "--torsion" }] },
-  ...(pose ? [{ unit: "tilt / °", least: 0.5, share: 1.6, lines: [
-    { key: "out_of_plane", colour: "--torsion" }, { key: "in_plane", colour: "--other", dash: [6, 3] }] }] : []),
-  { unit: "drive current / A", least: 0.2, share: 1.3, lines: [{ key: "drive_current", colour: "--current" }] },
-  { unit: "tendon currents / A", least: 0.1, share: 1.3, lines: Array.from({ length: tendons }, (_, i) =>
-    ({ key: `tendon_${i + 1}_current`, colour: ["--torsion", "--other", "--drive", "--current"][i % 4], dash: [null, [6, 3], [2, 3], [8, 3, 2, 3]][i % 4] })) },
-  ...sensors.map(({ key, label }) => ({ unit: label, least: 0.2, share: 1.3, lines: [{ key, colour: "--other" }] })),
-];
 
 function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend", "sinew-log", "sinew-severity"].every($); }
 
 async function begin() {
   for (let i = 0; i < 200 && !ready(); i++) await new Promise((go) => setTimeout(go, 50));
   lissajous = new Lissajous($("sinew-lissajous"));
-  $("sinew-base").addEventListener("change", (event) => { base = Number(event.target.value); tell(); });
+  scope = new Oscilloscope(traces, tell);
+  window.SinewScope = scope;
   setInterval(age, 250);
   alarms.begin();
-  $("sinew-freeze").addEventListener("click", (event) => {
-    paused = !paused; shownEnd = traces.newest;
-    event.target.textContent = paused ? "Go on" : "Freeze";
-    event.target.setAttribute("aria-pressed", String(paused));
-  });
   await show(given.rig);
   connect();
   draw(0);
   for (let i = 0; i < 200 && !window.getElement?.(given.scene)?.renderer; i++) await new Promise((go) => setTimeout(go, 50));
-  scene = window.getElement?.(given.scene);
-  await build();
+  const scene = window.getElement?.(given.scene);
+  if (scene?.renderer) { joint = new JointView(scene, traces); await joint.show(rig); }
 }
 
 // A run may be of another rig than the one that is offered first.
 async function show(drawn) {
   rig = drawn;
-  scope = new Scope($("sinew-scope"), PANELS(rig));
+  scope.begin(rig, state?.live?.name);
   put("sinew-tension-limit", String(rig.tension_limit_n));
-  $("sinew-legend").replaceChildren();
-  legend();
-  await build();
-}
-
-async function build() {
-  if (!scene?.renderer) return;
-  joint?.remove();
-  joint = await Joint.build(scene, rig.shape);
-}
-
-function legend() {
-  for (const panel of scope.panels) for (const line of panel.lines) {
-    const box = document.createElement("input");
-    box.type = "checkbox"; box.checked = true;
-    box.addEventListener("change", () => { box.checked ? scope.hidden.delete(line.key) : scope.hidden.add(line.key); });
-    const swatch = document.createElement("span");
-    swatch.className = "sinew-swatch";
-    swatch.style.borderTopColor = `var(${line.colour})`;
-    if (line.dash) swatch.style.borderTopStyle = line.dash[0] < 4 ? "dotted" : "dashed";
-    const value = document.createElement("span");
-    value.id = `sinew-now-${line.key}`;
-    const label = document.createElement("label");
-    label.append(box, swatch, rig.labels[line.key], value);
-    $("sinew-legend").append(label);
-  }
+  await joint?.show(rig);
 }
 
 function tell() {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ base_s: base, pixels: scope.pixels }));
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ base_s: scope.base, pixels: scope.scope.pixels }));
 }
 
 function connect() {
@@ -95,7 +56,7 @@ function connect() {
 }
 
 function take(frame) {
-  if (frame.reset) { traces.reset(frame.traces); lissajous.reset(); shownEnd = 0; if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
+  if (frame.reset) { scope.forget(); traces.reset(frame.traces); lissajous.reset(); if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
   traces.put(frame);
   lissajous.put(frame.points);
   if (frame.now.length) now = frame.now;
@@ -105,18 +66,15 @@ function take(frame) {
 
 function draw(at) {
   requestAnimationFrame(draw);
-  if (at - (draw.last ?? -FRAME_MS) < FRAME_MS - 2) return;
+  if (at - (draw.last ?? -1000) < FRAME_MS() - 2) return;
   draw.last = at;
-  if (!paused) shownEnd = traces.newest;
-  scope.render(traces, base, Math.max(base, shownEnd));
-  lissajous.render();
-  const value = (key) => now[traces.traces.findIndex((t) => t.key === key)] ?? 0;
-  const most = Math.max(rig.tension_limit_n, 1), radians = (key) => value(key) * Math.PI / 180;
-  joint?.pose(radians("torsion"), radians("drive"), tensions.map((t) => (t ?? 0) / most), [radians("pitch"), radians("roll")],
-    value("shortening") / rig.length_mm);
-  drawn++;
+  if (scope.render()) drawn++;
+  if (draw.joint !== traces.count) { draw.joint = traces.count; lissajous.render(); }
+  joint?.move(now, at);
   if (at - drawnSince > 1000) {
-    document.body.dataset.fps = (1000 * drawn / (at - drawnSince)).toFixed(1);
+    const rate = 1000 * drawn / (at - drawnSince);
+    document.body.dataset.fps = rate.toFixed(1);
+    if (drawn && !calm.matches) joint?.yieldTo(rate);
     drawn = 0; drawnSince = at;
     numbers();
   }
@@ -167,6 +125,7 @@ function describe() {
   notice("trouble", state.trouble ? "bad" : null, { title: "The run cannot be followed", lines: [state.trouble] });
   notice("steward", state.steward === null ? "bad" : null, { title: "The steward does not answer", lines: ["What is shown may be old."] });
   notice("doubts", live?.doubts?.length ? "warn" : null, { title: "The measurement contradicts itself", lines: live?.doubts ?? [] });
+  scope.name(live?.name);
   put("sinew-source", !live ? "–" : live.source ?? (state.steward?.bench?.kind === "emulator" ? "the emulated bench, not a real joint" : "the bench"));
   const begins = run && run.name !== live?.name;
   $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);

@@ -1,4 +1,4 @@
-// The oscilloscope: three panels over one time axis, least and largest value of each column.
+// What is drawn over time: panels over one axis, least and largest value of each column; and one trace over another.
 
 const CAPACITY = 12000;
 const colours = new Map();
@@ -62,6 +62,17 @@ export function sized(canvas, height) {
   return { draw, width, height };
 }
 
+// Draws a path as wide as asked by hairlines beside one another: without a graphics card eight wide lines of 1200 points
+// take 13 ms, plain or dashed; hairlines take 1 and 2 ms.
+function stroke(draw, path, wide) {
+  const ratio = draw.getTransform().a, times = Math.max(1, Math.ceil(wide));
+  draw.lineWidth = 1 / ratio;
+  for (let k = 0; k < times; k++) {
+    const up = times > 1 ? (k / (times - 1) - 0.5) * (wide - 1) : 0;
+    draw.translate(0, up); draw.stroke(path); draw.translate(0, -up);
+  }
+}
+
 // Steps of 1, 2 or 5 times a power of ten, about so many in a range.
 export function ticks(low, high, about) {
   const raw = (high - low) / about, power = 10 ** Math.floor(Math.log10(raw));
@@ -71,84 +82,177 @@ export function ticks(low, high, about) {
   return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
-// Ranges follow what is shown: out at once, in slowly, so that the axis does not flicker.
+// Ranges follow what is shown: out at once, in slowly, so that the axis does not flicker; at once where it stands still.
 class Range {
   constructor(least) { this.least = least; this.high = least; this.low = 0; }
-  follow(low, high) {
+  follow(low, high, atOnce = false) {
     if (!Number.isFinite(low)) return;
     const span = Math.max(high - low, this.least), middle = (high + low) / 2;
     const wantLow = middle - 0.58 * span, wantHigh = middle + 0.58 * span;
-    this.low = wantLow < this.low ? wantLow : this.low + 0.03 * (wantLow - this.low);
-    this.high = wantHigh > this.high ? wantHigh : this.high + 0.03 * (wantHigh - this.high);
+    this.low = atOnce || wantLow < this.low ? wantLow : this.low + 0.03 * (wantLow - this.low);
+    this.high = atOnce || wantHigh > this.high ? wantHigh : this.high + 0.03 * (wantHigh - this.high);
   }
 }
 
-const LEFT = 46, RIGHT = 8, GAP = 12, BOTTOM = 22;
+const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5;
+
+// What is seen of a run at once: least and largest value of each trace in bins that follow one another. Rows beyond
+// those of the run are computed here.
+export class Bins {
+  constructor(keys, capacity = 8192) {
+    this.keys = keys; this.capacity = capacity; this.count = 0;
+    this.time = new Float64Array(capacity);
+    this.low = keys.map(() => new Float32Array(capacity));
+    this.high = keys.map(() => new Float32Array(capacity));
+  }
+
+  clear() { this.count = 0; }
+
+  add(time, low, high, i, rows) {
+    if (this.count === this.capacity) return;
+    this.time[this.count] = time;
+    for (let c = 0; c < rows; c++) { this.low[c][this.count] = low[c][i]; this.high[c][this.count] = high[c][i]; }
+    this.count++;
+  }
+
+  row(key) { return this.keys.indexOf(key); }
+
+  // Number of the first bin at or after a time.
+  from(time) {
+    let low = 0, high = this.count;
+    while (low < high) { const middle = (low + high) >> 1; if (this.time[middle] < time) low = middle + 1; else high = middle; }
+    return low;
+  }
+
+  // Value of a trace at a time, between the middles of two bins; NaN outside and where there is none.
+  at(row, time) {
+    const k = this.from(time), middle = (i) => (this.low[row][i] + this.high[row][i]) / 2;
+    if (k < this.count && this.time[k] === time) return middle(k);
+    if (k === 0 || k === this.count) return NaN;
+    const share = (time - this.time[k - 1]) / (this.time[k] - this.time[k - 1]);
+    return middle(k - 1) + share * (middle(k) - middle(k - 1));
+  }
+
+  // Newest value of a trace between two times; NaN where there is none.
+  newest(row, start, end) {
+    let k = Math.min(this.count - 1, this.from(end));
+    if (k >= 0 && this.time[k] > end) k--;
+    return k >= 0 && this.time[k] >= start ? (this.low[row][k] + this.high[row][k]) / 2 : NaN;
+  }
+
+  // Least and largest value of a trace between two times.
+  range(row, start, end) {
+    let low = Infinity, high = -Infinity;
+    for (let k = this.from(start); k < this.count && this.time[k] <= end; k++) {
+      if (this.low[row][k] < low) low = this.low[row][k];
+      if (this.high[row][k] > high) high = this.high[row][k];
+    }
+    return [low, high];
+  }
+}
 
 export class Scope {
-  // panels: [{unit, least, share, lines: [{key, colour, dash}]}]
-  constructor(canvas, panels) {
-    this.canvas = canvas; this.panels = panels.map((panel) => ({ ...panel, range: new Range(panel.least) }));
-    this.hidden = new Set();
+  // panels: [{unit, least, share, lines: [{key, colour, dash}]}]. log: whether values are drawn by their decades.
+  constructor(canvas, panels, { unit = "s", log = false } = {}) {
+    this.canvas = canvas; this.unit = unit; this.log = log;
+    this.panels = panels.map((panel) => ({ ...panel, range: new Range(log ? 1 : panel.least) }));
+    this.hidden = new Set(panels.flatMap((panel) => panel.lines).filter((line) => line.hidden).map((line) => line.key));
   }
 
-  get pixels() { return Math.max(50, Math.round((this.canvas.clientWidth || 300) - LEFT - RIGHT)); }
+  get width() { return (this.canvas.clientWidth || 300) - LEFT - RIGHT; }
+  get pixels() { return Math.max(50, Math.round(this.width)); }
+  x(time) { return LEFT + (time - this.start) / (this.end - this.start) * this.width; }
+  time(x) { return this.start + (x - LEFT) / this.width * (this.end - this.start); }
 
-  render(traces, base, end) {
-    const height = innerWidth < 900 ? 300 : 380;
-    const { draw, width } = sized(this.canvas, height);
-    const start = end - base, x = (time) => LEFT + (time - start) / base * (width - LEFT - RIGHT);
-    const ink = css("--soft"), grid = css("--grid");
-    const shares = this.panels.reduce((sum, panel) => sum + panel.share, 0);
+  // Lines that are shown, of the traces that there are.
+  lines(bins) {
+    return this.panels.flatMap((panel) => panel.lines).filter((line) => !this.hidden.has(line.key) && bins.row(line.key) >= 0);
+  }
+
+  // cursors: [{time, name}]; missing: [[from, to]], which is on its way; still: whether the picture stands; mark: a time.
+  render(bins, start, end, { cursors = [], missing = [], still = false, mark = null, tall = innerWidth < 900 ? 300 : 400 } = {}) {
+    const { draw, width, height } = sized(this.canvas, tall);
+    Object.assign(this, { start, end });
+    const panels = this.panels.map((panel) => ({ panel, shown: panel.lines.filter((line) => !this.hidden.has(line.key) && bins.row(line.key) >= 0) }))
+      .filter(({ shown }) => shown.length);
+    const shares = panels.reduce((sum, { panel }) => sum + panel.share, 0), ink = css("--soft");
+    const room = height - BOTTOM - GAP * Math.max(0, panels.length - 1) - 4, axis = ticks(start, end, Math.max(3, width / 110));
     let top = 4;
-    const room = height - BOTTOM - GAP * (this.panels.length - 1) - 4;
-    const first = traces.from(start - base / this.pixels);
-    for (const panel of this.panels) {
-      const tall = room * panel.share / shares;
-      this.panel(draw, traces, panel, first, { x, top, tall, width, ink, grid });
-      top += tall + GAP;
+    draw.fillStyle = css("--grid");
+    for (const [from, to] of missing) {
+      const left = Math.max(LEFT, this.x(from)), right = Math.min(width - RIGHT, this.x(to));
+      if (right > left) draw.fillRect(left, top, right - left, height - BOTTOM - top);
+    }
+    for (const { panel, shown } of panels) {
+      const high = room * panel.share / shares;
+      this.panel(draw, bins, panel, shown, { top, tall: high, width, ink, axis, still });
+      top += high + GAP;
     }
     draw.fillStyle = ink; draw.textAlign = "center"; draw.textBaseline = "top";
-    const { found, digits } = ticks(start, end, Math.max(3, width / 110));
-    for (const time of found) if (time >= 0) draw.fillText(`${time.toFixed(digits)} s`, x(time), height - BOTTOM + 6);
+    for (const time of axis.found) if (time >= -1e-9) {
+      const across = Math.min(width - 24, Math.max(LEFT - 20, this.x(time)));
+      draw.fillText(`${time.toFixed(axis.digits)} ${this.unit}`, across, height - BOTTOM + 6);
+    }
+    if (mark !== null) { // where the trigger is
+      draw.fillStyle = css("--drive");
+      draw.beginPath(); draw.moveTo(this.x(mark) - 5, height - BOTTOM + 5); draw.lineTo(this.x(mark) + 5, height - BOTTOM + 5);
+      draw.lineTo(this.x(mark), height - BOTTOM - 4); draw.fill();
+    }
+    for (const { time, name } of cursors) {
+      const across = this.x(time);
+      if (across < LEFT || across > width - RIGHT) continue;
+      draw.strokeStyle = draw.fillStyle = css("--accent"); draw.lineWidth = 1.5; draw.setLineDash(name === "A" ? [] : [6, 4]);
+      draw.beginPath(); draw.moveTo(across, 2); draw.lineTo(across, height - BOTTOM); draw.stroke(); draw.setLineDash([]);
+      draw.fillRect(across - 8, 0, 16, 15);
+      draw.fillStyle = css("--card"); draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText(name, across, 2);
+    }
   }
 
-  panel(draw, traces, panel, first, { x, top, tall, width, ink, grid }) {
-    const shown = panel.lines.map((line) => ({ ...line, at: traces.traces.findIndex((t) => t.key === line.key) }))
-      .filter((line) => line.at >= 0 && !this.hidden.has(line.key));
+  panel(draw, bins, panel, shown, { top, tall, width, ink, axis, still }) {
+    const value = this.log ? (v) => Math.log10(Math.max(v, FLOOR)) : (v) => v;
+    const first = Math.max(0, bins.from(this.start) - 1), last = Math.min(bins.count, bins.from(this.end) + 1);
     let low = Infinity, high = -Infinity;
-    for (const { at } of shown) for (let k = first; k < traces.count; k++) {
-      const a = traces.low[at][k % CAPACITY], b = traces.high[at][k % CAPACITY];
-      if (a < low) low = a;
-      if (b > high) high = b;
+    for (const { key } of shown) {
+      const [a, b] = bins.range(bins.row(key), this.start, this.end);
+      low = Math.min(low, a); high = Math.max(high, b);
     }
-    panel.range.follow(low, high);
-    const range = panel.range, y = (value) => top + tall - (value - range.low) / (range.high - range.low) * tall;
-    draw.strokeStyle = grid; draw.fillStyle = ink; draw.lineWidth = 1; draw.setLineDash([]);
+    if (this.log && high > 0) { high = value(high); low = Math.max(value(low), high - 4); }
+    panel.range.follow(low, high, still);
+    const range = panel.range, scale = tall / (range.high - range.low), y = (v) => top + tall - (value(v) - range.low) * scale;
+    draw.strokeStyle = css("--grid"); draw.fillStyle = ink; draw.lineWidth = 1; draw.setLineDash([]);
     draw.textAlign = "right"; draw.textBaseline = "middle";
     const { found, digits } = ticks(range.low, range.high, Math.max(2, tall / 38));
-    for (const value of found) {
-      draw.beginPath(); draw.moveTo(LEFT, y(value)); draw.lineTo(width - RIGHT, y(value)); draw.stroke();
-      draw.fillText(value.toFixed(digits), LEFT - 6, y(value));
+    draw.beginPath();
+    for (const at of found) {
+      if (this.log && at % 1) continue;
+      const up = top + tall - (at - range.low) * scale;
+      draw.moveTo(LEFT, up); draw.lineTo(width - RIGHT, up);
+      draw.fillText(this.log ? at < -2 ? `1e${at}` : String(Number((10 ** at).toPrecision(1))) : at.toFixed(digits), LEFT - 6, up);
     }
+    for (const time of axis.found) { draw.moveTo(this.x(time), top); draw.lineTo(this.x(time), top + tall); }
+    draw.stroke();
     draw.save(); draw.beginPath(); draw.rect(LEFT, top - 2, width - LEFT - RIGHT, tall + 4); draw.clip();
-    for (const { at, colour, dash } of shown) {
-      draw.strokeStyle = css(colour); draw.lineWidth = 1.6; draw.setLineDash(dash ?? []);
-      draw.beginPath();
-      let open = false;
-      for (let k = first; k < traces.count; k++) {
-        const i = k % CAPACITY, a = traces.low[at][i], b = traces.high[at][i];
-        if (Number.isNaN(a)) { open = false; continue; }
-        const across = x(traces.time[i]);
-        if (open) draw.lineTo(across, y(a)); else draw.moveTo(across, y(a));
-        if (b !== a) draw.lineTo(across, y(b));
-        open = true;
+    const hole = this.log ? Infinity : Math.max(0.06, 4 * (this.end - this.start) / this.pixels), across = this.width / (this.end - this.start);
+    for (const { key, colour, dash, wide } of shown) {
+      const lows = bins.low[bins.row(key)], highs = bins.high[bins.row(key)];
+      const path = new Path2D();
+      draw.strokeStyle = css(colour); draw.setLineDash(dash ?? []);
+      let open = false, before = -Infinity;
+      for (let k = first; k < last; k++) {
+        const a = lows[k], b = highs[k], time = bins.time[k];
+        if (Number.isNaN(a) || Number.isNaN(b)) { open = false; continue; }
+        const at = LEFT + (time - this.start) * across;
+        if (open && time - before < hole) path.lineTo(at, y(a)); else path.moveTo(at, y(a));
+        if (b !== a) path.lineTo(at, y(b));
+        open = true; before = time;
       }
-      draw.stroke();
+      stroke(draw, path, wide ?? 1.6);
     }
     draw.restore();
-    draw.setLineDash([]); draw.fillStyle = ink; draw.textAlign = "left"; draw.textBaseline = "top";
-    draw.fillText(panel.unit, LEFT + 4, top + 1);
+    draw.setLineDash([]); draw.textAlign = "left"; draw.textBaseline = "top";
+    const wide = draw.measureText(panel.unit).width;
+    draw.fillStyle = css("--card"); draw.globalAlpha = 0.75; draw.fillRect(LEFT + 2, top, wide + 5, 14); draw.globalAlpha = 1;
+    draw.fillStyle = ink; draw.fillText(panel.unit, LEFT + 4, top + 1);
   }
 }
 
@@ -185,15 +289,15 @@ export class Lissajous {
     }
     draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText("lever θ / °", left + wide / 2, top + tall + 20);
     draw.textAlign = "left"; draw.fillText("torsion φ / °", left, 0);
-    draw.strokeStyle = css("--torsion"); draw.lineWidth = 1.6;
+    draw.strokeStyle = css("--torsion");
     const count = this.points.length;
     for (let part = 0; part < 4; part++) { // what is older is fainter
       draw.globalAlpha = 0.25 + 0.25 * part;
-      draw.beginPath();
+      const path = new Path2D();
       for (let i = Math.floor(part * count / 4); i < Math.min(count, Math.floor((part + 1) * count / 4) + 1); i++) {
-        draw.lineTo(x(this.points[i][0]), y(this.points[i][1]));
+        path.lineTo(x(this.points[i][0]), y(this.points[i][1]));
       }
-      draw.stroke();
+      stroke(draw, path, 1.6);
     }
     draw.globalAlpha = 1;
     if (count) {

@@ -1,0 +1,644 @@
+"""Samples of a run as traces: in the units of a screen, thinned to its columns, and read piece by piece.
+
+A piece is one of a ladder: at level L its bins are 2^L/1024 s wide, and it has 512 of them. So whoever looks at hours
+asks for as much as whoever looks at a second, the same piece is never cut twice in different ways, and pieces that
+follow one another join. Time is that of the run: 0 at its first sample. Where a run was taken up again its clock is
+another; what was measured then follows a second after what was measured before.
+"""
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.judgement import alarm_limits
+from sinew.apps.dashboard.operators import held_inside, unlinked
+from sinew.apps.dashboard.work.runs import RECORDING
+from sinew.bench.record.journal import JournalReader, is_being_written
+from sinew.bench.tilt import TiltEstimator
+from sinew.measure.arrays import Array
+from sinew.measure.attitude import gyro_share, quaternion, tilt_from
+from sinew.measure.errors import FileError
+from sinew.plan.pose import STRAIGHT, Pose
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan, parse_rig
+
+if TYPE_CHECKING:
+    import netCDF4
+
+# A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
+
+
+_SIDES = 28
+"""Points around a section of the silicone; some go along each axis, where a flat section has its ends."""
+
+
+def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
+    """Return what a page draws of a rig, for JSON.
+
+    `shape`: lengths in those of the silicone, the number of tendons, and the points (y, z) of the silicone's surface
+    around a section; `length_mm` of the silicone; `traces`: key, label and unit of each; `sensors`: key and label of
+    those with a node of their own; `tension_limit_n` [N]; `newton_per_ampere` of a tendon motor; `alarms`: by reading,
+    where its alarm begins unless somebody sets it elsewhere, and the rig's own limit; `pose`: in words, None of an
+    upright head, which is drawn upright.
+    """
+    length = rig.silicone.length.value
+    circle = rig.tendons.head_radius.value / length
+    radius = 0.5 * rig.silicone.diameter.value / length
+    shape = {
+        "length": 1.0,
+        "outline": (rig.outline(np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)) / length).tolist(),
+        "circle": max(circle, radius + 0.04),  # tendons that run inside the silicone would not be seen
+        "plate": max(circle, radius) + 0.16,
+        "lever": 1.2 * max(circle, radius) + 0.3,
+        "tendons": rig.tendons.count,
+    }
+    traces = [asdict(channel) for channel in LiveChannels(rig, pose).channels]
+    sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
+    return {
+        "shape": shape,
+        "length_mm": 1e3 * length,
+        "traces": traces,
+        "sensors": sensors,
+        "tension_limit_n": rig.limits.tension_n,
+        "newton_per_ampere": rig.tendons.tension(1.0),
+        "name": rig.name,
+        "alarms": alarm_limits(rig),
+        "pose": None if pose.is_straight else pose.words(),
+    }
+
+
+# The samples of a journal become what the oscilloscope shows, in the units of a screen.
+
+
+_MEMORY_S = 3.0  # of the live torsion: long against a turn, short against a drift
+_LONG_STEP_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A trace: its key, the label and the unit that stand beside it."""
+
+    key: str
+    label: str
+    unit: str
+
+
+class LiveChannels:
+    """Turns rows of a run's journal into traces, batch after batch.
+
+    The torsion is the gyroscope's rate, integrated by trapezoids with a leak of 3 s that takes the drift out: at 3 Hz
+    it leads by 1° and is for the eye alone; what is measured comes from `sinew.analysis`. Of a pose that is not upright
+    there are the head's tilt, by the orientation filter of the bench, and how far the tendons drew the plates together;
+    what the gyroscope under-reads there is made good.
+    """
+
+    def __init__(self, rig: RigSpec, pose: Pose = STRAIGHT, sample_hz: float = 200.0) -> None:
+        self._tendons = rig.tendons.count
+        self._force = rig.tendons.tension(1.0)
+        self._radius = rig.tendons.pulley_radius.value
+        self.channels = (
+            Channel("drive_command", "lever, command", "°"),
+            Channel("drive", "lever θ", "°"),
+            Channel("torsion", "torsion φ", "°"),
+            Channel("drive_current", "drive current", "A"),
+            *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
+            Channel("tilt", "tilt", "°"),
+            *(Channel(one.channel, one.model, one.unit) for one in rig.sensors),
+            *(() if pose.is_straight else _BENT),
+        )
+        self._bent = None if pose.is_straight else _BentHead(rig, pose, sample_hz)
+        self._share = gyro_share(pose.bend_rad)
+        self._sensors = [one.channel for one in rig.sensors]
+        self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
+
+    def take(self, rows: dict[str, Array]) -> Array:
+        """Return the traces (c, n), in the order of `channels`, of rows as `JournalReader.samples` gives them."""
+        tendons = [rows[f"tendon_{i + 1}_current_a"] for i in range(self._tendons)]
+        torsion = self._integrate(rows["time_s"], rows["gyro_x_rad_s"] / self._share)
+        return np.stack(
+            [
+                np.degrees(rows["drive_command_rad"]),
+                np.degrees(rows["drive_rad"]),
+                np.degrees(torsion),
+                rows["drive_current_a"],
+                *tendons,
+                np.degrees(rows["tilt_rad"]),
+                *(rows[name] for name in self._sensors),
+                *(() if self._bent is None else self._bent.take(rows, torsion)),
+            ]
+        )
+
+    def touch(self, angles: Array) -> None:
+        """Take notice of where the tendon motors stood at first contact [rad], (tendon,)."""
+        if self._bent is not None:
+            self._bent.contact = angles
+
+    def tensions(self, traces: Array) -> list[float]:
+        """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
+        currents = traces[4 : 4 + self._tendons, -1]
+        return [float(max(0.0, current) * self._force) if np.isfinite(current) else math.nan for current in currents]
+
+    def _integrate(self, time: Array, rate: Array) -> Array:
+        out = np.empty(time.size)
+        for i, (now, value) in enumerate(zip(time.tolist(), rate.tolist(), strict=True)):
+            step = now - self._time
+            if math.isfinite(value) and math.isfinite(self._rate) and 0.0 < step < _LONG_STEP_S:
+                self._torsion += 0.5 * (value + self._rate) * step
+                self._torsion *= math.exp(-step / _MEMORY_S)
+            if math.isfinite(now):
+                self._time = now
+            if math.isfinite(value):
+                self._rate = value
+            out[i] = self._torsion
+        return out
+
+
+_BENT = (
+    Channel("pitch", "pitch of the head", "°"),
+    Channel("roll", "roll of the head", "°"),
+    Channel("in_plane", "tilt in plane", "°"),
+    Channel("out_of_plane", "tilt out of plane", "°"),
+    Channel("shortening", "plates drawn together by", "mm"),
+)
+
+
+class _BentHead:
+    """The head of a bent joint, sample by sample.
+
+    contact: angles of the tendon motors at first contact [rad], NaN where that is not known. Since then a motor has
+    taken up r Δangle of its cable, which is longer by ΔT/k itself; the mean of what is left is how far the plates came
+    together. The tilt is counted in the head's axes, which the torsion turns, and comes out in those of the base.
+    """
+
+    def __init__(self, rig: RigSpec, pose: Pose, sample_hz: float) -> None:
+        self._tilt, self._pose, self._tendons = TiltEstimator(rig, sample_hz), pose, rig.tendons
+        self.contact = np.full(rig.tendons.count, np.nan)
+
+    def take(self, rows: dict[str, Array], torsion: Array) -> Array:
+        """Return pitch, roll, tilt away from the pose in its plane and out of it [deg], shortening [mm]: (5, n)."""
+        axes = [rows[f"gyro_{a}_rad_s"] for a in "xyz"] + [rows[f"acceleration_{a}_m_s2"] for a in "xyz"]
+        tilt = np.empty((torsion.size, 2))
+        for i, (now, *told) in enumerate(zip(rows["imu_time_s"].tolist(), *map(np.ndarray.tolist, axes), strict=True)):
+            known = math.isfinite(self._tilt.update(tuple(told[:3]), tuple(told[3:]), now))
+            tilt[i] = self._tilt.components if known else math.nan
+        cos, sin = np.cos(torsion), np.sin(torsion)
+        pitch, roll = cos * tilt[:, 0] - sin * tilt[:, 1], sin * tilt[:, 0] + cos * tilt[:, 1]
+        stands = quaternion(torsion, np.hypot(pitch, roll), np.arctan2(-pitch, roll))
+        away = tilt_from(stands, self._pose.bend_rad, self._pose.azimuth_rad)
+        return np.vstack([np.degrees([pitch, roll, *away.T]), 1e3 * self._drawn_together(rows)])
+
+    def _drawn_together(self, rows: dict[str, Array]) -> Array:
+        """Return by how much the plates are nearer than at first contact [m], (n,)."""
+        count, tendons = self.contact.size, self._tendons
+        angle, current = (np.stack([rows[f"tendon_{i + 1}_{of}"] for i in range(count)]) for of in ("rad", "current_a"))
+        taken_up = tendons.pulley_radius.value * (angle - self.contact[:, None])
+        pulled = tendons.tension(np.maximum(current, 0.0)) - tendons.first_contact_tension.value
+        return np.asarray(np.mean(taken_up - pulled / tendons.cable_stiffness.value, axis=0))
+
+
+# Samples are thinned to what a screen can show: least and largest value of each column of pixels.
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """time: begin of each bin [s], (b,), or of each sample where nothing was thinned. low, high: least and largest
+    value of each channel there, (c, b); the same array where nothing was thinned."""
+
+    time: Array
+    low: Array
+    high: Array
+
+
+def thin(time: Array, values: Array, bin_s: float) -> Thinned:
+    """Return the least and largest value of every channel in bins of a common grid, k · bin_s.
+
+    time: not decreasing [s], (n,). values: (c, n), not a number where there is none. bin_s: width of a bin [s].
+    A bin holds what falls into it and is not empty; with one sample or less to a bin the samples are given as they
+    are. Bins lie on one grid, so parts that were thinned one after the other join: a bin that both have is the least
+    of the least and the largest of the largest.
+    """
+    if time.size == 0 or bin_s <= 0 or (time[-1] - time[0]) / bin_s + 1 >= time.size:
+        return Thinned(time, values, values)
+    number = np.floor(time / bin_s)
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    low = np.fmin.reduceat(values, first, axis=1)
+    high = np.fmax.reduceat(values, first, axis=1)
+    return Thinned(number[first] * bin_s, low, high)
+
+
+# A run's samples lie in its journal, or in its recording alone; either is read row by row, and from 0 on.
+
+_APART_S = 1.0  # what follows where the clock is another
+
+
+@dataclass(frozen=True)
+class Span:
+    """Rows [first, end) of one clock. clock_s: what it showed at the first of them; begin_s, end_s: time of the run of
+    the first and of the last of them."""
+
+    first: int
+    end: int
+    clock_s: float
+    begin_s: float
+    end_s: float
+
+
+class Source(Protocol):
+    """Where the samples of a run lie.
+
+    rig, pose, sample_hz: as the run had them. keys: of the traces that can be had; None for all that a rig has.
+    contact: angles of the tendon motors at first contact [rad], where that is known.
+    """
+
+    rig: RigSpec
+    pose: Pose
+    sample_hz: float
+    keys: frozenset[str] | None
+    contact: Array | None
+
+    def spans(self) -> list[Span]:
+        """Return the stretches of one clock, in order of time."""
+        ...
+
+    def clock(self, row: int) -> float:
+        """Return the time of a row by its clock [s]."""
+        ...
+
+    def rows(self, first: int, end: int) -> dict[str, Array]:
+        """Return rows [first, end) by column, as `JournalReader.samples` names them."""
+        ...
+
+    def segments(self) -> list[tuple[str, float, float, int]]:
+        """Return (kind, pretension [mm], frequency [Hz], first row) of each segment."""
+        ...
+
+
+class _OfJournal:
+    """Samples in a journal, the unfinished and the paused ones, too. ids count from 1 without a gap."""
+
+    keys: frozenset[str] | None = None
+
+    def __init__(self, journal: JournalReader) -> None:
+        self._journal = journal
+        plan = parse_plan(journal.plan_toml)
+        self.rig, self.pose, self.sample_hz = parse_rig(journal.rig_toml), plan.rest_pose, plan.sample_hz
+        self.contact = journal.tendons_at_contact()
+
+    def spans(self) -> list[Span]:
+        return journal_spans(self._journal)
+
+    def clock(self, row: int) -> float:
+        return self._journal.clock(row + 1)
+
+    def rows(self, first: int, end: int) -> dict[str, Array]:
+        return self._journal.samples(first + 1, end + 1)
+
+    def segments(self) -> list[tuple[str, float, float, int]]:
+        found = self._journal.stretches()
+        return [(one.kind, one.asked.pretension_mm, one.asked.frequency_hz, one.first - 1) for one in found]
+
+
+def journal_spans(journal: JournalReader) -> list[Span]:
+    """Return the stretches of one clock in a journal: one of each time that a run wrote there."""
+    firsts = journal.first_samples()
+    ends = [*firsts[1:], journal.last_sample() + 1]
+    parts = [(a - 1, b - 1, journal.clock(a), journal.clock(b - 1)) for a, b in zip(firsts, ends, strict=True)]
+    return _joined(parts)
+
+
+_MOST_ROWS = 20_000_000  # of a recording: a day at 200 Hz
+_VECTORS = {"gyro_rad_s": ("gyro_{}_rad_s", "xyz"), "acceleration_m_s2": ("acceleration_{}_m_s2", "xyz")}
+_NEEDS = {
+    "drive_command": "drive_command_rad",
+    "drive": "drive_rad",
+    "torsion": "gyro_rad_s",
+    "drive_current": "drive_current_a",
+    "tilt": "tilt_rad",
+}
+
+
+class _OfRecording:
+    """Samples in a recording, where there is no journal: what the twin gave, or what was brought from elsewhere."""
+
+    contact: Array | None = None
+
+    def __init__(self, file: "netCDF4.Dataset", name: str) -> None:
+        self._columns = {key: column for key, column in file.variables.items() if column.dimensions[:1] == ("sample",)}
+        told = {key: str(getattr(file, key, "")) for key in ("rig", "plan")}
+        if "time_s" not in self._columns or "row_size" not in file.variables or not told["rig"]:
+            raise FileError(f"the recording of {name} holds no samples of a rig; look at its curves instead")
+        self._file, count = file, self._columns["time_s"].shape[0]
+        if count > _MOST_ROWS:
+            raise FileError(f"the recording of {name} has {count} samples, expected at most {_MOST_ROWS}")
+        self.rig = parse_rig(told["rig"])
+        plan = parse_plan(told["plan"]) if told["plan"] else None
+        self.pose = STRAIGHT if plan is None else plan.rest_pose
+        self._time = np.asarray(self._columns["time_s"][:], dtype=float)
+        steps = np.diff(self._time)
+        self.sample_hz = 1 / float(np.median(steps)) if steps.size else 200.0
+        tendons = [f"tendon_{i + 1}_current" for i in range(self.rig.tendons.count)]
+        known = {key for key, column in _NEEDS.items() if column in self._columns}
+        known |= {"torsion"} if "torsion_rad" in self._columns else set()
+        known |= set(tendons) if "tendon_current_a" in self._columns else set()
+        known |= {sensor.channel for sensor in self.rig.sensors if sensor.channel in self._columns}
+        self.keys: frozenset[str] | None = frozenset(known)
+
+    def spans(self) -> list[Span]:
+        steps = np.diff(self._time)
+        breaks = (np.flatnonzero((steps <= 0) | (steps > GAP_S)) + 1).tolist()
+        cuts = [0, *breaks, self._time.size] if self._time.size else [0]
+        parts = [(a, b, float(self._time[a]), float(self._time[b - 1])) for a, b in pairwise(cuts)]
+        return _joined(parts)
+
+    def clock(self, row: int) -> float:
+        return float(self._time[row])
+
+    def rows(self, first: int, end: int) -> dict[str, Array]:
+        read = {key: np.ma.filled(column[first:end].astype(float), np.nan) for key, column in self._columns.items()
+                if column.dtype.kind in "fiu"}  # fmt: skip
+        nothing = np.full(end - first, np.nan)
+        count = self.rig.tendons.count
+        vectors = _VECTORS | {f"tendon_{of}": (f"tendon_{{}}_{of}", range(1, count + 1)) for of in ("rad", "current_a")}
+        for key, (name, axes) in vectors.items():
+            table = read.pop(key, np.full((end - first, len(axes)), np.nan))
+            read |= {name.format(axis): table[:, i] for i, axis in enumerate(axes)}
+        whole = [*_NEEDS.values(), *(sensor.channel for sensor in self.rig.sensors)]
+        return {**dict.fromkeys(whole, nothing), "imu_time_s": read["time_s"], **read}
+
+    def segments(self) -> list[tuple[str, float, float, int]]:
+        about = {key: self._file.variables[key][:] for key in ("row_size", "kind", "pretension_mm", "frequency_hz")}
+        firsts = np.concatenate([[0], np.cumsum(about["row_size"])[:-1]]).astype(int)
+        numbers = [np.ma.filled(about[key].astype(float), np.nan) for key in ("pretension_mm", "frequency_hz")]
+        return [
+            (str(kind), float(mm), float(hz), int(first))
+            for kind, mm, hz, first in zip(about["kind"], *numbers, firsts, strict=True)
+        ]
+
+
+def _joined(parts: list[tuple[int, int, float, float]]) -> list[Span]:
+    """Return spans that follow one another in the time of the run. parts: first and end row, clock at both ends."""
+    found: list[Span] = []
+    for first, end, begin, last in parts:
+        if end > first:
+            at = found[-1].end_s + _APART_S if found else 0.0
+            found.append(Span(first, end, begin, at, at + last - begin))
+    return found
+
+
+GAP_S = 60.0
+"""Between two samples of one clock there is less [s]: what lies before was another session of the run."""
+
+
+@contextmanager
+def opened(folder: Path | str) -> Iterator[Source]:
+    """Give where the samples of a run lie: its journal, or the recording where there is none. Raises FileError."""
+    folder = unlinked(Path(folder))
+    if (folder / JOURNAL).is_file():
+        with JournalReader(folder / JOURNAL) as journal:
+            yield _OfJournal(journal)
+        return
+    if not (folder / RECORDING).is_file():
+        raise FileError(f"{folder.name} holds no run; expected a {JOURNAL} or a {RECORDING} in it")
+    import netCDF4
+
+    with held_inside(folder.parent, folder / RECORDING) as path:
+        try:
+            file = netCDF4.Dataset(path)
+        except OSError as error:
+            raise FileError(f"the recording of {folder.name} cannot be read ({error})") from error
+        with file:
+            yield _OfRecording(file, folder.name)
+
+
+_WARM_S = 30.0  # ten times the memory of the live torsion: what lies before makes 5e-5 of it
+
+
+def traces_between(source: Source, begin_s: float, end_s: float) -> tuple[Array, Array]:
+    """Return (time of the run [s], traces (c, n)) of what lies in [begin_s, end_s), a row without numbers where the
+    clock changes. What has a memory, as the torsion, is begun half a minute before."""
+    channels = LiveChannels(source.rig, source.pose, source.sample_hz)
+    times, tables = [np.empty(0)], [np.empty((len(channels.channels), 0))]
+    for span in source.spans():
+        if span.end_s < begin_s or span.begin_s >= end_s:
+            continue
+        warm, first, end = (
+            bisect_left(range(span.end), at - span.begin_s + span.clock_s, lo=span.first, key=source.clock)
+            for at in (begin_s - _WARM_S, begin_s, end_s)
+        )
+        if end == first:
+            continue
+        channels = LiveChannels(source.rig, source.pose, source.sample_hz)
+        if source.contact is not None:
+            channels.touch(source.contact)
+        rows = source.rows(warm, end)
+        values = channels.take(rows)
+        if "torsion_rad" in rows and not np.isfinite(rows["gyro_x_rad_s"]).any():
+            values[TORSION] = np.degrees(rows["torsion_rad"])
+        if times[-1].size:
+            times.append(np.array([span.begin_s - 0.5 * _APART_S]))
+            tables.append(np.full((values.shape[0], 1), np.nan))
+        times.append(rows["time_s"][first - warm :] - span.clock_s + span.begin_s)
+        tables.append(values[:, first - warm :])
+    return np.concatenate(times), np.hstack(tables)
+
+
+TORSION = 2
+"""Row of the torsion among the traces; that of the lever is the one before."""
+
+
+# Pieces: read whole where they are short, put together from parts where they are long.
+
+PIECE_BINS = 512
+"""Bins of a piece."""
+
+FINEST_HZ = 1024.0
+MOST_LEVEL = 20  # bins of 17 minutes
+SHORT_LEVEL, SHORT_S = 6, 32.0
+"""Pieces up to this level, and stretches up to this length [s], are read in some 50 ms of a core."""
+
+_READ_LEVEL = 9  # pieces of 256 s are read sample by sample
+_PART_S, _PART_BIN_S = 128.0, 1.0
+_SPENT_S = 0.4  # on one answer; what is not read by then comes with the next one
+_MOST_PARTS = 2048  # three days
+
+
+Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Time [s], least and largest values; these in single precision, for a day of them is kept."""
+
+
+@dataclass
+class _Parts:
+    """Parts of a run in bins of a second, those that were read: by number (time, low, high)."""
+
+    known: dict[int, Part] = field(default_factory=dict)
+
+    def at(self, source: Source, number: int, end_s: float) -> Part:
+        """Return a part; it is kept once nothing more can come to it."""
+        if number not in self.known:
+            begin = number * _PART_S
+            thinned = thin(*traces_between(source, begin, begin + _PART_S), _PART_BIN_S)
+            found = thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
+            if begin + _PART_S > end_s:
+                return found
+            while len(self.known) >= _MOST_PARTS:
+                del self.known[next(iter(self.known))]
+            self.known[number] = found
+        return self.known[number]
+
+
+@lru_cache(maxsize=2)
+def _parts_of(folder: str, inode: int, changed_ns: int) -> _Parts:
+    """Return the parts of a run that are known. inode: of its file, for a run may be deleted and another take its name;
+    changed_ns: of a recording, which is written whole."""
+    return _Parts()
+
+
+def _parts(folder: Path) -> _Parts:
+    path = folder / JOURNAL
+    if path.is_file():
+        return _parts_of(str(folder), path.stat().st_ino, 0)
+    about = (folder / RECORDING).stat()
+    return _parts_of(str(folder), about.st_ino, about.st_mtime_ns)
+
+
+def samples_piece(folder: str, level: int, number: int) -> bytes:
+    """Return a piece of a run as JSON: what lies in [number, number + 1) · 512 · 2^level/1024 s.
+
+    {"time": [s], "low": [[...] for each trace], "high": the same, or null where nothing was thinned, "until_s": of the
+    newest sample, "share": how much of the piece was read, 1 where it is whole}. Raises FileError.
+    """
+    level, number = int(np.clip(level, 0, MOST_LEVEL)), max(0, number)
+    bin_s = 2**level / FINEST_HZ
+    begin, end = number * PIECE_BINS * bin_s, (number + 1) * PIECE_BINS * bin_s
+    with opened(folder) as source:
+        spans = source.spans()
+        until = spans[-1].end_s if spans else 0.0
+        share = 1.0
+        if level <= _READ_LEVEL:
+            time, low = traces_between(source, begin, end)
+            high = low
+        else:
+            (time, low, high), share = _put_together(source, _parts(Path(folder)), begin, min(end, until + 1.0), until)
+    thinned = thin(time, low, bin_s)
+    upper = thinned.high if high is low else thin(time, high, bin_s).high
+    same = thinned.high is thinned.low and high is low
+    return dumped(
+        {
+            "time": np.round(thinned.time, 4),
+            "low": np.round(thinned.low.astype(float), 3),
+            "high": None if same else np.round(upper.astype(float), 3),
+            "until_s": round(until, 4),
+            "share": share,
+        }
+    )
+
+
+def _put_together(source: Source, parts: _Parts, begin: float, end: float, until: float) -> tuple[Part, float]:
+    """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
+    numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
+    began, found, has_read = monotonic(), [], False
+    for number in numbers:
+        if number not in parts.known:
+            if has_read and monotonic() - began > _SPENT_S:
+                break
+            has_read = True
+        found.append(parts.at(source, number, until))
+    time, low, high = (np.concatenate([part[i] for part in found], axis=-1) for i in range(3))
+    return (time, low, high), len(found) / len(numbers)
+
+
+def dumped(document: dict[str, Any]) -> bytes:
+    """Return JSON of a document with arrays; what is no number is null."""
+    import orjson
+
+    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def samples_about(folder: str) -> bytes:
+    """Return what there is of a run's samples, as JSON, without reading them.
+
+    {"rig": see `drawn_rig`, "known": keys of the traces that have numbers, "end_s": time of the newest sample,
+    "is_running", "period_s": of the samples, "segments": [{"label", "from_s"}], and of the ladder
+    "piece_bins", "finest_hz", "most_level"}.
+    Raises FileError.
+    """
+    with opened(folder) as source:
+        spans = source.spans()
+        rig = drawn_rig(source.rig, source.pose)
+        return dumped(
+            {
+                "rig": rig,
+                "known": [c["key"] for c in rig["traces"] if source.keys is None or c["key"] in source.keys],
+                "end_s": spans[-1].end_s if spans else 0.0,
+                "is_running": is_being_written(Path(folder) / JOURNAL),
+                "period_s": 1.0 / source.sample_hz,
+                "segments": list(_labelled(source, spans)),
+                "piece_bins": PIECE_BINS,
+                "finest_hz": FINEST_HZ,
+                "most_level": MOST_LEVEL,
+            }
+        )
+
+
+_WORDS = {"settle": "settling", "ring-down": "free decay", "idle": "at rest", "pause": "paused"}
+
+
+def _labelled(source: Source, spans: list[Span]) -> Iterator[dict[str, Any]]:
+    for kind, mm, hz, first in source.segments():
+        span = next((one for one in spans if one.first <= first < one.end), None)
+        if span is not None:
+            words = [_WORDS.get(kind, kind), *(f"{x:g} {unit}" for x, unit in ((mm, "mm"), (hz, "Hz")) if x == x)]
+            at = source.clock(first) - span.clock_s + span.begin_s
+            yield {"label": ", ".join(words), "from_s": round(at, 4)}
+
+
+_MOST_SPECTRUM_S = 120.0
+_SPECTRUM_POINTS = 1200
+
+
+def samples_spectrum(folder: str, begin_s: float, end_s: float) -> bytes:
+    """Return the amplitudes in a stretch of a run by frequency, as JSON; of two minutes at most, its last ones.
+
+    {"frequency_hz": [...], "amplitude": [[...] for each trace], null where a trace has no numbers, "resolution_hz":,
+    "from_s", "to_s": what was taken}. By Hann's window, which shows a steady sine's amplitude up to 15 % too small
+    between two frequencies; the mean is taken off. Raises FileError.
+    """
+    begin_s = max(begin_s, end_s - _MOST_SPECTRUM_S)
+    with opened(folder) as source:
+        time, traces = traces_between(source, begin_s, end_s)
+        hz = source.sample_hz
+    if time.size < 16:
+        raise FileError(f"found {time.size} samples in {begin_s:.2f} to {end_s:.2f} s, a spectrum needs 16")
+    even = np.arange(time[0], time[-1], 1 / hz)
+    amplitude: list[Array | None] = []
+    frequency, window = np.fft.rfftfreq(even.size, 1 / hz), np.hanning(even.size)
+    for row in traces:
+        known = np.isfinite(row) & np.isfinite(time)
+        if np.count_nonzero(known) < 16:
+            amplitude.append(None)
+            continue
+        values = np.interp(even, time[known], row[known])
+        amplitude.append(2 * np.abs(np.fft.rfft(window * (values - values.mean()))) / window.sum())
+    # A peak must not be lost: the largest of what falls into one column of the screen.
+    first = np.arange(0, frequency.size, -(-frequency.size // _SPECTRUM_POINTS))
+    largest = [None if a is None else np.round(np.maximum.reduceat(a, first), 5) for a in amplitude]
+    return dumped(
+        {
+            "frequency_hz": np.round(frequency[first], 4),
+            "amplitude": largest,
+            "resolution_hz": float(hz / even.size),
+            "from_s": float(time[0]),
+            "to_s": float(time[-1]),
+        }
+    )
