@@ -34,7 +34,7 @@ def design_curves(
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
     pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
     fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
-    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.sketch`).
+    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.predicted`).
 
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
@@ -161,7 +161,7 @@ def _predicted(
 
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.joints.validity import check_joint, loads_of
-    from sinew.predict.sketch import sketch
+    from sinew.predict.predicted import sketch
     from sinew.solve.curves import predict
     from sinew.twin.cache import configure
 
