@@ -324,7 +324,7 @@ def _face_entry(name: str, thing: object) -> str:
     names: list[str] = list(getattr(thing, "__annotations__", {}))
     if inspect.isfunction(thing):
         called = _MODULE.sub("", f"{name}{inspect.signature(thing)}")
-        text += f"```python\n{called}\n```\n\n"
+        text += f"```py\n{called}\n```\n\n"
         names = list(inspect.signature(thing).parameters)
     if isinstance(thing, dict):
         return text + "One of " + ", ".join(f"`{key}`" for key in thing) + ".\n"

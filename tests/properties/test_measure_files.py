@@ -14,7 +14,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinew.measure.errors import FileError, SinewError, UnitError
-from sinew.measure.files.csv import export_csv, find_columns, import_csv, numbers, read_table
+from sinew.measure.files.csv import find_columns, import_csv, numbers, read_table
+from sinew.measure.files.export import export_csv
 from sinew.measure.files.netcdf import load_recording, provenance, save_recording
 from sinew.measure.recording import Segment, build_recording, iterate_segments
 from sinew.measure.units import canonical_unit, convert

@@ -13,9 +13,9 @@ from sinew.predict.joints.section import (
     outline,
     read_polygon,
     rectangle,
-    solve_torsion,
     star,
 )
+from sinew.predict.joints.torsion import solve_torsion
 
 
 def ellipse(width: float, height: float, corners: int = 360) -> Outline:

@@ -107,7 +107,9 @@ def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: com
 
 
 def drive_reaches(rigs: Sequence[RigSpec], command_rad: Array, frequency_hz: Array, head: Complexes) -> list[Reach]:
-    """Return `drive_reach` of each rig, command, frequency and head, all (k,)."""
+    """Return `drive_reach` of each rig, command, frequency and head, all (k,); k may be 0."""
+    if not rigs:
+        return []
     command, omega = command_rad[:, None], 2 * math.pi * frequency_hz[:, None]
     servos = _Servos.of(rigs, omega, head[:, None])
     grid = np.broadcast_to(_SCAN, (len(command), _SCAN.size))

@@ -156,13 +156,13 @@ def export_recording(recording: xr.Dataset, path: Path | str, to: str) -> None:
 
 
 def _export_parquet(recording: xr.Dataset, path: Path) -> None:
-    fastparquet = library(path, "fastparquet", "fastparquet", "a Parquet file")
+    fastparquet = library(path, "fastparquet", "fastparquet", "a Parquet file", "writes")
     frame = flat_table(recording)
     write_atomically(path, lambda temporary: fastparquet.write(str(temporary), frame, write_index=False))
 
 
 def _export_mcap(recording: xr.Dataset, path: Path) -> None:
-    writer = library(path, "mcap.writer", "mcap", "an MCAP file")
+    writer = library(path, "mcap.writer", "mcap", "an MCAP file", "writes")
     frame = flat_table(recording)
     properties = {
         name: {"type": "number" if pd.api.types.is_numeric_dtype(column) else "string"}
@@ -187,7 +187,7 @@ def _export_mcap(recording: xr.Dataset, path: Path) -> None:
 
 
 def _export_uff(recording: xr.Dataset, path: Path) -> None:
-    pyuff = library(path, "pyuff", "pyuff", "a universal file")
+    pyuff = library(path, "pyuff", "pyuff", "a universal file", "writes")
     frame = flat_table(recording)
     properties = {"segment", *SEGMENT_VARIABLES}
     channels = [name for name in frame.columns if name not in properties | {"time_s"}]

@@ -65,8 +65,8 @@ def open_file(path: Path, width: int | None = None) -> Opened:
     return open_text(path, width)
 
 
-def library(path: Path, module: str, package: str, what: str) -> Any:
-    """Return a library that reads or writes a file and does not come with Sinew.
+def library(path: Path, module: str, package: str, what: str, does: str = "reads") -> Any:
+    """Return a library that reads or writes a file, whichever it `does`, and does not come with Sinew.
 
     Raises FileError, with how to install it, where it is missing.
     """
@@ -74,7 +74,7 @@ def library(path: Path, module: str, package: str, what: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise FileError(
-            f"{path.name} is {what}, which {package} reads and writes, and that is not installed; "
+            f"{path.name} is {what}, which {package} {does}, and that is not installed; "
             f"install it: {how_to_install('formats')}"
         ) from error
 
