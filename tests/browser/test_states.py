@@ -490,6 +490,35 @@ def test_an_alarm_that_was_seen_lasts_no_longer_than_what_it_is_about(opened: Op
     assert told == [True, {}, {}, ["tilt"]]
 
 
+def test_an_alarm_that_was_seen_hides_no_other_part_and_not_the_limit_of_the_rig(opened: Open, stage: Stage) -> None:
+    told = opened(stage).evaluate(
+        """async (alarm) => {
+          const { judge } = await import("/sinew/alarms.js");
+          const began = (...reading) => judge(
+            { tilt: { ...alarm, isSeen: true } }, { tilt: reading }, { tilt: 9 }, "one", 1, 1, { tilt: 10 },
+          ).raised.length;
+          return [began(9.6, "head plate"), began(9.6, "another"), began(10.1, "head plate")];
+        }""",
+        ALARM,
+    )
+    assert told == [0, 1, 1]
+
+
+def test_what_cannot_be_read_as_a_limit_is_none_and_no_limit_exceeds_that_of_the_rig(
+    opened: Open, stage: Stage
+) -> None:
+    told = opened(stage).evaluate(
+        """async () => {
+          const { limitsOf, typed } = await import("/sinew/alarms.js");
+          const rig = Object.fromEntries(["temperature", "tension", "tilt"].map((key) => [key, { limit: 9, rig: 10 }]));
+          const field = (value, badInput) => typed({ value, validity: { badInput } }) === undefined;
+          return [limitsOf({ ...rig, missed: { limit: 5, rig: null } }, { tension: 99, tilt: null }),
+            field("", true), field("", false), field("-1", false)];
+        }"""
+    )
+    assert told == [{"temperature": 9, "tension": 10, "tilt": None, "missed": 5}, True, False, True]
+
+
 def alarmed(opened: Open, stage: Stage, name: str, **how: Any) -> Any:
     """Return a page on which the temperature alarms: 41 °C, and somebody set the limit to 40."""
     page = opened(stage, **how)

@@ -42,7 +42,7 @@ def test_an_unstable_stretch_is_dotted_and_joins_the_stable_one() -> None:
 def test_a_band_is_one_polygon_there_and_back() -> None:
     curve = Curve("band", [1, 2], [1, 2], [0, 1], [2, 3], is_line=True)
     band = drawn(curve)["series"][-1]
-    assert "[[1, 0], [2, 1], [2, 3], [1, 2]]" in band[":renderItem"]
+    assert "[[1.0, 0.0], [2.0, 1.0], [2.0, 3.0], [1.0, 2.0]]" in band[":renderItem"]
 
 
 def test_one_pretension_has_one_colour_however_it_is_shown() -> None:
@@ -256,3 +256,17 @@ def test_what_cannot_be_computed_is_kept_as_a_sentence() -> None:
     asyncio.run(followed(results, lambda: results.trouble))
     assert "no such thing" in results.trouble
     assert json.dumps(results.measured) == "[]"
+
+
+def test_what_a_file_says_in_place_of_a_number_does_not_get_into_a_chart() -> None:
+    script: Any = {":x": "document.title = 'taken'"}
+    estimates = [
+        {"value": 1.0, "interval90": [script, 2.0]},
+        {"value": script, "interval90": [0.5, script]},
+        {"value": 1.5, "interval90": [1.0, 2.0]},
+    ]
+    points = Curve.of_estimates("4 mm", [1.0, 2.0, script], estimates, 0)
+    line = Curve(script, [1.0, script], [1.0, 2.0], [script, 1.0], ["1", 2.0], is_line=True)
+    text = json.dumps(options_of("gain", [points, line], "f / Hz")["series"]) + table_of("gain", [points, line], "f")
+    assert points.low == [None, 0.5, 1.0]
+    assert '":x"' not in text

@@ -91,6 +91,14 @@ def test_notes_and_tags_are_found_by_a_search_at_once(runs: Path) -> None:
     assert (row["notes"], row["tags"]) == ("after the Move", ["aged", "first"])
 
 
+@pytest.mark.parametrize("letter", ["\x01", "\N{GRINNING FACE}"])
+def test_the_longest_notes_are_read_whole(runs: Path, letter: str) -> None:
+    tags = [f"{k:0>40}" for k in range(20)]
+    note_run(runs, "old", 4000 * letter, tags)
+    (row,) = list_runs(runs)
+    assert (row["notes"] == 4000 * letter, row["tags"]) == (True, tags)
+
+
 @pytest.mark.parametrize("tags", [["two words"], ["<b>"], [""], [f"t{k}" for k in range(21)]])
 def test_tags_that_a_search_could_not_name_are_refused(runs: Path, tags: list[str]) -> None:
     with pytest.raises(RefusedError, match="expected up to 20"):

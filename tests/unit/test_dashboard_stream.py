@@ -3,7 +3,9 @@
 import asyncio
 import json
 import math
+import sqlite3
 import time as clock
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -323,6 +325,33 @@ def test_nothing_that_was_there_before_is_alarming(runs: Path) -> None:
         journal.flush()
         asyncio.run(hub.tick(0.04))
         assert set(hub.live.readings.document()) == {"tension", "tilt"}
+
+
+def test_cycles_missed_before_the_last_minute_are_not_counted_when_a_run_is_found(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        journal.append(sample(0))
+        for missed in (0, 40):
+            journal.event(replace(HEALTH, missed=missed))
+        journal.flush()
+        path = runs / "one" / "journal.sqlite"
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE events SET date = '2026-01-01T00:00:00+00:00' WHERE id = 1")
+    hub = hub_at(runs)
+    asyncio.run(hub.tick(0.04))
+    assert hub.live is not None
+    assert hub.live.readings.document()["missed"][0] == 0.0
+
+
+def test_a_run_that_was_put_into_the_bin_is_followed_no_longer(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        journal.append(sample(0))
+        journal.flush()
+    hub = hub_at(runs)
+    asyncio.run(hub.tick(0.04))
+    assert hub.live is not None
+    hub.steward = {"run": None, "last": None}
+    asyncio.run(hub.tick(0.04))
+    assert hub.live is None
 
 
 def test_alarms_begin_at_nine_tenths_of_what_the_rig_allows() -> None:

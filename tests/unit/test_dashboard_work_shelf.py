@@ -54,6 +54,20 @@ def test_another_of_that_name_is_replaced_only_on_purpose(tmp_path: Path) -> Non
     assert [path.read_text() for path in (tmp_path / "rigs").iterdir()] == ["new"]
 
 
+def test_a_full_shelf_takes_a_replacement_and_is_not_taken_for_a_name_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sinew.apps.dashboard.work.runs._MOST_KEPT", 1)
+    put_on_shelf(tmp_path, "rigs", "mine", "old")
+    with pytest.raises(RefusedError) as there:
+        put_on_shelf(tmp_path, "rigs", "mine", "new")
+    with pytest.raises(RefusedError, match="holds 1 files") as full:
+        put_on_shelf(tmp_path, "rigs", "other", "new")
+    assert (there.value.more, full.value.more) == ({"exists": True}, {})
+    put_on_shelf(tmp_path, "rigs", "mine", "new", replace=True)
+    assert read_shelf("rigs", "mine.toml", tmp_path) == "new"
+
+
 def test_what_is_taken_off_the_shelf_is_gone(tmp_path: Path) -> None:
     put_on_shelf(tmp_path, "plans", "mine", "x")
     take_off_shelf(tmp_path, "plans", "mine")

@@ -160,6 +160,11 @@ def test_in_a_pool_of_two_processes_a_call_does_not_wait_behind_another(
         pair.close()
 
 
+def test_the_preview_that_a_start_needs_waits_behind_nothing_that_takes_long() -> None:
+    pool = CALLS["preview_document"].pool
+    assert {name for name, call in CALLS.items() if call.pool == pool} == {"preview_document"}
+
+
 def test_closing_ends_the_processes(worker: Worker) -> None:
     process = asyncio.run(worker.call("process"))
     worker.close()

@@ -167,7 +167,7 @@ def _add(query: Query, is_not: bool, key: str, sign: str, value: str) -> None:
     elif lower in _TEXTS:
         _need_equals(key, sign)
         wanted = is_not == (sign == "!=")
-        query.runs.append(f"lower(coalesce(r.{_TEXTS[lower]}, '')) {'' if wanted else 'NOT '}LIKE ? ESCAPE '\\'")
+        query.runs.append(f"folded(coalesce(r.{_TEXTS[lower]}, '')) {'' if wanted else 'NOT '}LIKE ? ESCAPE '\\'")
         query.of_runs.append(_like(value))
     elif lower in _DATES:
         _refuse_not(is_not, key)
@@ -229,7 +229,12 @@ def _number(key: str, text: str) -> float:
 def _half_a_digit(text: str) -> float:
     """Return half of the last digit that was written."""
     mantissa, _, power = text.lower().partition("e")
-    return float(0.5 * 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
+    try:
+        return float(0.5 * 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
+    except OverflowError:
+        raise SpecError(
+            f"found {text!r} in the search, expected a number with digits that a number can have, as 3.2 or 3e-2"
+        ) from None
 
 
 def _add_date(query: Query, key: str, sign: str, value: str) -> None:
@@ -475,6 +480,7 @@ def _prepared(connection: sqlite3.Connection) -> sqlite3.Connection:
     """Return a connection whose tables are there. Raises where the file is another's, damaged or of another version."""
     connection.isolation_level = None
     connection.execute("PRAGMA trusted_schema = OFF")
+    connection.create_function("folded", 1, str.lower, deterministic=True)  # SQLite's lower() knows no Ä
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()

@@ -245,6 +245,8 @@ class Hub:
         steward = self.steward or {}
         run = steward.get("run") or steward.get("last")
         if run is None:
+            if "last" in steward and self.live is not None:  # it was put into the bin
+                self.live = None
             return
         started = float(run.get("started") or 0.0)
         if self.live is not None and (self.live.name, self.live.started) == (run["name"], started):
@@ -285,7 +287,8 @@ class Hub:
         for number, event in news.events:
             if isinstance(event, Health):
                 live.health = asdict(event)
-                live.readings.take_health(monotonic(), event)
+                when, _ = news.times.get(number, (wall_clock(), None))  # many may come at once, from long ago
+                live.readings.take_health(when, event)
             elif event.severity != "state":
                 if isinstance(event, Doubted) and event.sentence not in live.doubts:
                     live.doubts = [*live.doubts, event.sentence][-_MOST_DOUBTS:]

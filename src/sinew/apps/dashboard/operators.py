@@ -26,7 +26,7 @@ class RefusedError(SinewError):
     """A command is not carried out.
 
     status: of HTTP, 4xx: 403 not allowed, 409 not now, 422 not valid. more: what else is answered: ticket, False where
-    a page needs another; number, the last one that was heard.
+    a page needs another; number, the last one that was heard; exists, where there is one of that name.
     """
 
     def __init__(self, status: int, sentence: str, **more: int) -> None:

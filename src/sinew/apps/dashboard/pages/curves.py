@@ -1,10 +1,12 @@
 """Curves in a page: predicted with band and stability, measured with intervals."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
 from sinew.apps.dashboard.judgement import Verdict
@@ -51,7 +53,8 @@ class Curve:
     name: as the legend has it. x, y: of its points; None leaves a gap. low, high: ends of the intervals or of the band,
     or empty. is_line: a line, else points with whiskers. is_stable: by point, or empty where all are; unstable
     stretches are dotted. number: which colour, dash and marker; None: by place. verdicts: what a prediction says of
-    each point, or empty; one that misses it is a red cross.
+    each point, or empty; one that misses it is a red cross. Where x, y, low or high have no number, as in a damaged
+    file, that point is NaN or None: a key that begins with ":" in a chart's options is run as a script.
     """
 
     name: str
@@ -64,6 +67,12 @@ class Curve:
     number: int | None = None
     verdicts: Sequence[Verdict | None] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", str(self.name))
+        object.__setattr__(self, "x", [math.nan if at is None else at for at in map(_number_or_none, self.x)])
+        for part in ("y", "low", "high"):
+            object.__setattr__(self, part, [*map(_number_or_none, getattr(self, part))])
+
     @classmethod
     def of_estimates(
         cls,
@@ -74,13 +83,18 @@ class Curve:
         verdicts: Sequence[Verdict | None] = (),
     ) -> "Curve":
         """Return a row of points with the 90 % intervals of estimates as JSON holds them."""
-        low, high = zip(*(one["interval90"] for one in y), strict=True) if y else ((), ())
+        low, high = zip(*(one["interval90"] or (None, None) for one in y), strict=True) if y else ((), ())
         return cls(name, x, [one["value"] for one in y], low, high, number=number, verdicts=verdicts)
 
     @property
     def misses(self) -> list[int]:
         """Which points miss their prediction."""
         return [i for i, verdict in enumerate(self.verdicts) if verdict is not None and verdict.misses]
+
+
+def _number_or_none(found: Any) -> float | None:
+    """Return a finite number as a float, and None for anything else that a file may hold."""
+    return float(found) if isinstance(found, int | float | np.number) and math.isfinite(found) else None
 
 
 @dataclass
@@ -356,7 +370,7 @@ def _band(curve: Curve, colour: str) -> list[dict[str, Any]]:
     pairs = [
         (x, low, high)
         for x, low, high in zip(curve.x, curve.low, curve.high, strict=True)
-        if low is not None and high is not None
+        if low is not None and high is not None and math.isfinite(x)
     ]
     render = """(params, api) => {
       if (params.context.done) return; params.context.done = true;

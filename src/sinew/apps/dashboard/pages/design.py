@@ -357,7 +357,7 @@ class _Sliders:
         """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
         if (made := await self._rig()) is not None:
             told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
-            self._replacing = made[0] if (await steer("shelve", told)).get("code") == 409 else None
+            self._replacing = made[0] if (await steer("shelve", told)).get("exists") else None
 
     async def _download(self) -> None:
         if (made := await self._rig()) is not None:

@@ -305,7 +305,7 @@ class _Desk:
         file = f"{name.removesuffix('.toml')}.toml"
         told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
         answer = await steer("shelve", told)
-        self._replacing = file if answer.get("code") == 409 else None
+        self._replacing = file if answer.get("exists") else None
         for text in self._save:
             text.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):

@@ -12,16 +12,20 @@ const BEEP_S = 2, MOST_KEPT = 50;
 
 // The alarms after some readings. alarms: by reading, {key, run, of, value, worst, limit, at, inRun, over, isSeen}; at and
 // over in ms since 1970, inRun in s, over null while it lasts. readings: [value, of which part] by reading. limits: null
-// where there is none. raised: those that began now.
-export function judge(alarms, readings, limits, run, at, inRun) {
+// where there is none. allowed: what the rig itself allows, by reading. raised: those that began now.
+export function judge(alarms, readings, limits, run, at, inRun, allowed = {}) {
   const next = { ...alarms }, raised = [];
   for (const { key } of READINGS) {
     const limit = limits[key], old = alarms[key], [value, of] = readings[key] ?? [null, ""];
     if (value === null) continue;
     const isBeyond = limit !== null && limit !== undefined && value > limit;
     const isWithin = limit === null || limit === undefined || value <= limit * (1 - DEADBAND);
-    if (isBeyond && (!old || old.run !== run)) {
+    // Of one that was seen: another part, or the rig's own limit, is another alarm.
+    const most = allowed[key] ?? Infinity, seenOf = [...(old?.seenOf ?? []), old?.of];
+    const isOther = old?.isSeen && (!seenOf.includes(of) || (value > most && old.worst <= most));
+    if (isBeyond && (!old || old.run !== run || isOther)) {
       next[key] = { key, run, of, value, worst: value, limit, at, inRun, over: null, isSeen: false };
+      if (isOther && old.run === run) next[key].seenOf = seenOf; // parts that take turns are told once each
       raised.push(next[key]);
     } else if (isBeyond) next[key] = { ...old, over: null, worst: Math.max(old.worst, value) };
     else if (old && isWithin) {
@@ -69,20 +73,40 @@ export function take(state, isNow, drawn) {
   }
   if (isNow) {
     const at = Date.now(), [began] = events.filter((event) => event[3] !== null).map((event) => event[3] - event[4]).slice(-1);
-    const found = judge(alarms, readings, limits, live.name, at, began === undefined ? null : at / 1000 - began);
+    const found = judge(alarms, readings, limits, live.name, at, began === undefined ? null : at / 1000 - began, allowed());
     for (const alarm of found.raised) raise(alarm);
     store(found.alarms);
   } else store(rest(alarms));
   list();
 }
 
+const allowed = () => Object.fromEntries(READINGS.map(({ key }) => [key, rig.alarms[key].rig]));
+
+// The limits of a rig's alarms with those that somebody set in their place, none beyond what the rig allows.
+export function limitsOf(alarmsOfRig, own) {
+  return Object.fromEntries(READINGS.map(({ key }) => {
+    const value = key in own ? own[key] : alarmsOfRig[key].limit, most = alarmsOfRig[key].rig;
+    return [key, value === null || most === null ? value : Math.min(value, most)];
+  }));
+}
+
+// What is typed into a field: a limit, null for none, or undefined where it is no limit. A field of numbers says of
+// what it cannot read that it is empty.
+export function typed(field) {
+  const text = field.value.trim(), value = text === "" ? null : Number(text);
+  return field.validity.badInput || (value !== null && !(value >= 0)) ? undefined : value;
+}
+
+function fill(key) {
+  const field = $(`sinew-limit-${key}`);
+  if (field) { field.value = limits[key] ?? ""; field.placeholder = "off"; }
+}
+
 function choose(drawn) {
   rig = drawn;
-  limits = Object.fromEntries(READINGS.map(({ key }) => [key, rig.alarms[key].limit]));
-  Object.assign(limits, kept(limitsKey(), {}));
+  limits = limitsOf(rig.alarms, kept(limitsKey(), {}));
   for (const { key, unit } of READINGS) {
-    const field = $(`sinew-limit-${key}`);
-    if (field) field.value = limits[key] ?? "";
+    fill(key);
     const most = rig.alarms[key].rig;
     put(`sinew-most-${key}`, most === null ? "–" : `${most} ${unit}`.replace(" °", "°").replace("°C", " °C"));
   }
@@ -213,10 +237,14 @@ function list() {
 
 export function begin() {
   for (const { key } of READINGS) $(`sinew-limit-${key}`).addEventListener("change", (event) => {
-    const value = event.target.value.trim() === "" ? null : Number(event.target.value);
-    if (value !== null && !(value >= 0)) { event.target.value = limits[key] ?? ""; return; }
-    limits[key] = value;
-    keep(limitsKey(), limits);
+    const value = typed(event.target);
+    if (value !== undefined && rig) {
+      const own = { ...kept(limitsKey(), {}), [key]: value };
+      limits = limitsOf(rig.alarms, own);
+      keep(limitsKey(), { ...own, [key]: limits[key] });
+    }
+    event.target.value = ""; // what cannot be read stays in the field otherwise
+    fill(key);
   });
   $("sinew-limits-back").addEventListener("click", () => {
     try { localStorage.removeItem(limitsKey()); } catch { /* storage is off */ }

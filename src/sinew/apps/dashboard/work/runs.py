@@ -174,7 +174,7 @@ def _noted(folder: Path) -> dict[str, Any]:
     """Return notes and tags of a run; of a file that is none of ours, nothing."""
     try:
         with open_inside(folder.parent, folder / NOTES) as file:
-            said = json.loads(file.read(_MOST_NOTES * 4))
+            said = json.loads(file.read(_MOST_NOTES_BYTES))
         return {"notes": str(said["notes"])[:_MOST_NOTES], "tags": [str(one) for one in said["tags"]][:_MOST_TAGS]}
     except (FileError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return {"notes": "", "tags": []}
@@ -259,6 +259,7 @@ BIN = ".bin"
 
 _MOST_NOTES, _MOST_TAGS = 4000, 20
 _TAG = re.compile(r"[\w.+-]{1,40}")
+_MOST_NOTES_BYTES = 8 * _MOST_NOTES  # as JSON: a sign of notes takes up to 6, all tags with their quotes up to 3500
 
 
 def rename_run(runs: Path, name: str, to: str) -> str:
@@ -408,9 +409,11 @@ def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool =
             there = [entry.name for entry in entries]
         if file in there and not replace:
             raise RefusedError(
-                409, f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name"
+                409,
+                f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name",
+                exists=True,
             )
-        if len(there) >= _MOST_KEPT:
+        if file not in there and len(there) >= _MOST_KEPT:
             raise RefusedError(409, f"the shelf of {kind} holds {len(there)} files; take some away first")
         handle = os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=folder)
         try:
