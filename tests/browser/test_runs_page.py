@@ -106,6 +106,25 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
     assert Path(lab.runs / "mended" / "notes.json").exists()
 
 
+def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_asked(opened: Open, lab: Served) -> None:
+    page = listed(opened, lab, take=True)
+    for name in ("run-0003", "run-0004"):
+        page.click(f"[aria-label='choose {name}']")
+    page.fill("#sinew-search", "name:run-0004")
+    page.wait_for_function(f"document.querySelectorAll('{ROWS}').length === 1")
+    page.click("#sinew-bin")
+    assert page.inner_text("[data-asked]") == "Put into the bin run-0004?"
+    page.click("#sinew-bin-not")
+    page.wait_for_selector("[data-asked]", state="detached")
+    assert Path(lab.runs / "run-0004").exists()
+    page.click("#sinew-bin")
+    page.click("#sinew-bin-sure")
+    page.wait_for_selector("[aria-label='Restore run-0004']")
+    assert Path(lab.runs / "run-0003").exists()
+    page.click("[aria-label='Restore run-0004']")
+    page.wait_for_selector(f"{ROWS}:has-text('run-0004')")
+
+
 def test_axe_finds_nothing_on_runs_that_are_compared(opened: Open, lab: Served) -> None:
     page = listed(opened, lab, "/runs?open=run-0000&open=run-0001")
     page.wait_for_selector("[data-compared]")

@@ -7,7 +7,9 @@ import pytest
 from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
+from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.operators import RefusedError
+from sinew.apps.dashboard.steward import Settings, SteeringCommand, Steward
 from sinew.apps.dashboard.work.runs import bin_run, list_bin, list_runs, note_run, rename_run, restore_run
 from sinew.bench.record.journal import Journal
 
@@ -116,3 +118,27 @@ def test_a_note_keeps_the_begin_of_a_run_as_it_was(runs: Path) -> None:
     before = list_runs(runs)[0]["started"]
     note_run(runs, "old", "noted", [])
     assert list_runs(runs)[0]["started"] == before
+
+
+@pytest.fixture
+def steward(runs: Path) -> Steward:
+    return Steward(Settings(Access("t" * 20, "127.0.0.1", 8080), 8081, runs))
+
+
+def told(command: str, **more: str) -> SteeringCommand:
+    return SteeringCommand.model_validate({"ticket": "t", "number": 1, "command": command, **more})
+
+
+def test_the_run_that_was_last_is_told_by_the_name_that_it_has_now(steward: Steward) -> None:
+    steward._desk.last = {"name": "old", "folder": "", "started": 1.0}
+    steward.keep(told("rename", name="old", to="new"))
+    assert steward._desk.last["name"] == "new"
+    steward.keep(told("bin", name="new"))
+    assert steward._desk.last is None
+
+
+@pytest.mark.parametrize("command", ["rename", "bin"])
+def test_a_run_that_is_being_begun_is_neither_renamed_nor_put_away(steward: Steward, command: str) -> None:
+    steward._desk.beginning = "old"
+    with pytest.raises(RefusedError, match="under way"):
+        steward.keep(told(command, name="old", to="new"))

@@ -97,6 +97,8 @@ def _look_after(steward: "Steward", access: "Access", *, as_json: bool, opens: b
             signal.SIGQUIT: lambda *_: threading.Thread(target=_stop_bench, args=(steward,)).start(),
         }.items():
             signal.signal(number, handler)
+        with suppress(OSError):  # of one that was ended by force
+            (steward.settings.runs / _OPENS).unlink(missing_ok=True)
         _await_page(steward, over)
         url = _say_ready(steward, access, as_json=as_json)
         with opened(url, steward.settings.runs) if opens and steward.page_state == "up" else nullcontext():

@@ -425,6 +425,7 @@ class RunDesk:
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._follow, name="runs", daemon=True)
         self.last: dict[str, Any] | None = None
+        self.beginning: str | None = None  # name of the run that is being begun
 
     def open(self) -> None:
         """Find a run that is under way already, and follow what there is from now on."""
@@ -471,7 +472,7 @@ class RunDesk:
             folder = make_folder(self._runs, name, plan, rig)
             return self._spawn(folder, run_words(folder, way), specs), f"the run {name} begins{_once(way)}"
 
-        return self._one(begin)
+        return self._one(name, begin)
 
     def go_on(self, name: str, bench: Callable[[Specs], Way]) -> str:
         """Go on with a run that ended early, and return a sentence; as `start`. Raises RefusedError."""
@@ -485,14 +486,14 @@ class RunDesk:
             words = [*run_words(folder, way), "--resume"]
             return self._spawn(folder, words, specs), f"the run {name} goes on{_once(way)}"
 
-        return self._one(begin)
+        return self._one(name, begin)
 
-    def _one(self, begin: Callable[[], tuple[Run, str]]) -> str:
+    def _one(self, name: str, begin: Callable[[], tuple[Run, str]]) -> str:
         """Have a run begin, unless there is one, or an emergency comes in between; return what it says of it."""
         with self._lock:
             if self._run is not None or self._is_starting:
                 raise RefusedError(409, f"a run {'is being begun' if self._run is None else self._run.name} already")
-            self._is_starting, alarms = True, self._alarms
+            self._is_starting, self.beginning, alarms = True, name, self._alarms
         try:
             run, sentence = begin()
             with self._lock:
@@ -504,8 +505,14 @@ class RunDesk:
                 (run.folder / PID).unlink(missing_ok=True)
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
         finally:
-            self._is_starting = False
+            self._is_starting, self.beginning = False, None
         return sentence
+
+    def forget(self, name: str, to: str | None) -> None:
+        """Hear that a run that has ended is called otherwise now, or None: lies in the bin."""
+        last = self.last
+        if last is not None and last["name"] == name:
+            self.last = None if to is None else last | {"name": to, "folder": str(self._runs / to)}
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, and return what it answers. Raises RefusedError where it does not do it."""

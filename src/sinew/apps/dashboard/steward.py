@@ -361,7 +361,7 @@ class Helm(Protocol):
         """Tell the run something. Raises RefusedError."""
 
     def keep(self, command: SteeringCommand) -> str:
-        """Rename, note, put away or take back a run that has ended. Raises RefusedError."""
+        """Note a run, or rename, put away or take back one that has ended. Raises RefusedError."""
 
     def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
         """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""
@@ -608,15 +608,18 @@ class Steward:
         return self._desk.go_on(name, self._free_bench)
 
     def keep(self, command: SteeringCommand) -> str:
-        """Rename, note, put away or take back a run that has ended, and return a sentence. Raises RefusedError."""
+        """Note a run, or rename, put away or take back one that has ended; return a sentence. Raises RefusedError."""
         name, run = command.name or "", self._desk.run
         if command.command == "note":
             return note_run(self._runs, name, command.notes or "", command.tags or [])
-        if run is not None and run.name == name:
+        if name and name in (run and run.name, self._desk.beginning):
             raise RefusedError(409, f"the run {name} is under way; end it first")
-        if command.command == "rename":
-            return rename_run(self._runs, name, command.to or "")
-        return (bin_run if command.command == "bin" else restore_run)(self._runs, name)
+        if command.command == "restore":
+            return restore_run(self._runs, name)
+        to = command.to or "" if command.command == "rename" else None
+        said = bin_run(self._runs, name) if to is None else rename_run(self._runs, name, to)
+        self._desk.forget(name, to)
+        return said
 
     def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:
         """Put a rig or plan on the lab's shelf, or take it off where there is no text. Raises RefusedError."""

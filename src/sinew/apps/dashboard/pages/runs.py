@@ -12,6 +12,7 @@ from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
+from sinew.apps.dashboard.pages.plan import plain_button
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
 from sinew.measure.units import local_time
@@ -202,10 +203,27 @@ class _List:
             ui.navigate.to(_address([name]))
 
     async def _bin_chosen(self) -> None:
-        for name in self._chosen():
+        """Put runs into the bin that are ticked and listed, once somebody has read their names and said yes."""
+        listed = {row["name"] for row in self._table.rows}
+        ticked = [row["name"] for row in self._table.selected if row["name"] in listed]
+        names = [name for name in ticked if is_run_name(name)][:_MOST_OVERLAID]
+        if not names:
+            ui.notify("Choose one run, or several to put into the bin.")
+            return
+        with ui.dialog().props('aria-label="Put runs into the bin"') as sure, ui.card():
+            few = f" the first {len(names)} of {len(ticked)} that are chosen:" if len(names) < len(ticked) else ""
+            ui.label(f"Put into the bin{few} {', '.join(names)}?").props("data-asked")
+            with ui.element("div").classes("sinew-row"):
+                plain_button("Put into the bin", "sinew-bin-sure", lambda: sure.submit(True))
+                plain_button("Keep", "sinew-bin-not", lambda: sure.submit(False))
+        is_sure = await sure
+        sure.delete()
+        if not is_sure:
+            return
+        for name in names:
             if not await _command("bin", name=name):
                 break
-        self._table.selected = []
+        self._table.selected = [row for row in self._table.selected if row["name"] not in names]
         await self.refresh()
 
     async def _restore(self, name: str) -> None:
