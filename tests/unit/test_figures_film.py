@@ -46,3 +46,23 @@ def test_a_recording_without_what_is_to_be_filmed_is_refused(
     rest = recording.isel(sample=np.repeat(keep, sizes), segment=keep)
     with pytest.raises(RecordingError, match="holds no"):
         film.save_film(rest, tmp_path / "film.gif", kind)
+
+
+def test_a_response_that_is_no_angle_is_refused(recording: xr.Dataset, tmp_path: Path) -> None:
+    response = ("sample", recording["gyro_rad_s"].values[:, 0], {"units": "m"})
+    foreign = recording.drop_vars("gyro_rad_s").assign(response=response)
+    with pytest.raises(RecordingError, match="in m"):
+        film.save_film(foreign, tmp_path / "film.gif", "sweep")
+
+
+def test_an_ffmpeg_that_fails_ends_in_one_sentence_and_leaves_nothing(
+    recording: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "ffmpeg"
+    program.write_text("#!/bin/sh\ncat > /dev/null\nexit 3\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:/bin:/usr/bin")
+    with pytest.raises(FileError, match="status 3"):
+        film.save_film(recording, tmp_path / "film.mp4", frames_per_s=2)
+    assert [path.name for path in tmp_path.iterdir()] == ["bin"]

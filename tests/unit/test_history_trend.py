@@ -100,4 +100,4 @@ def test_a_difference_of_unknown_uncertainty_is_not_called_either_way() -> None:
 
 def test_differences_that_chance_alone_would_call_significant_are_counted() -> None:
     found = differences(run("a", 0, 3.0), run("b", 1, 3.1)) * 10
-    assert "1 would be so by chance" in by_chance(found)
+    assert "1 at most would be so by chance" in by_chance(found)

@@ -341,15 +341,24 @@ def test_a_message_of_an_mcap_file_is_a_sample_at_its_time(bench: xr.Dataset, tm
 
 def test_a_universal_file_has_a_set_for_every_channel_of_every_segment(bench: xr.Dataset, tmp_path: Path) -> None:
     pyuff = pytest.importorskip("pyuff")
+    bench = bench.assign(time_s=bench["time_s"] + 5000.0)
     export_recording(bench, tmp_path / "out.uff", "uff")
     sets = pyuff.UFF(str(tmp_path / "out.uff")).read_sets()
     told = {(one["id2"].strip(), one["id1"].strip()): one for one in sets}
     assert len(told) == len(sets) == 2 * (1 + 4 + 3 + 1)  # drive, currents, gyroscope, response
     steady = told["segment 1: steady", "response_n_m"]
     assert steady["data"] == pytest.approx(bench["response"].values[10:], rel=1e-11)  # twelve digits are written
-    assert steady["x"] == pytest.approx(bench["time_s"].values[10:], rel=1e-11)
+    assert steady["x"] == pytest.approx(np.arange(20) / 200, rel=1e-5, abs=1e-9)  # six digits from its begin
 
 
 def test_an_unknown_format_is_refused_with_those_there_are(bench: xr.Dataset, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="csv, mat, parquet, uff, mcap"):
         export_recording(bench, tmp_path / "out.xls", "xls")
+
+
+def test_a_recording_that_begins_before_zero_has_its_first_message_at_zero(bench: xr.Dataset, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    export_recording(bench.assign(time_s=bench["time_s"] - 0.5), tmp_path / "out.mcap", "mcap")
+    with (tmp_path / "out.mcap").open("rb") as file:
+        messages = [message for _, _, message in reader.make_reader(file).iter_messages()]
+    assert (messages[0].log_time, json.loads(messages[0].data)["time_s"]) == (0, -0.5)

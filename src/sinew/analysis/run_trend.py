@@ -62,8 +62,9 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line:
     """
     if days.size < FEWEST_RUNS or np.ptp(days) == 0:
         raise ValueError(f"a line needs {FEWEST_RUNS} runs of two days, found {days.size} of {np.unique(days).size}")
-    tiny = 1e-9 * max(float(np.abs(values).max()), 1e-300)
-    own = np.maximum(stds, max(float(np.median(stds)), tiny)) ** 2
+    tiny = 1e-9 * max(float(np.abs(values).max()), 1e-140)  # whose square is still a number
+    known = stds[stds > 0]
+    own = np.maximum(stds, max(float(np.median(known)) if known.size else 0.0, tiny)) ** 2
     freedom = days.size - 2
 
     def fitted(between: float) -> tuple[float, float, float, Array, float]:
@@ -281,5 +282,5 @@ def by_chance(found: Sequence[Difference]) -> str:
     significant = sum(bool(one.is_significant) for one in known)
     return (
         f"{significant} of {len(known)} differences are significant at 90 %; were nothing different, "
-        f"{number(0.1 * len(known), 2)} would be so by chance."
+        f"{number(0.1 * len(known), 2)} at most would be so by chance."
     )

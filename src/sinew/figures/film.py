@@ -4,6 +4,7 @@ A decay is the paper's Video S1: driven, let go, at rest. A sweep goes through t
 and the resonance curve grows. The joint is drawn upright, as a cylinder that twists evenly.
 """
 
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sinew.figures.motion import Motion, groups_of, motion_of, nearest, released_motion, rig_of
+from sinew.figures.motion import Motion, at_pretension, groups_of, motion_of, nearest, released_motion, rig_of
 from sinew.figures.style import ACCENT, GREY, INK, RED, styled
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError
@@ -83,12 +84,17 @@ def save_film(
         film = animation.FuncAnimation(figure, stage.show, frames=ticks, cache_frame_data=False)
 
         def write(temporary: Path) -> None:
-            film.save(
-                temporary,
-                writer=_writer(path.suffix.lower(), frames_per_s),
-                dpi=_DPI,
-                progress_callback=None if progress is None else lambda i, n: progress(i + 1, n),
-            )
+            try:
+                film.save(
+                    temporary,
+                    writer=_writer(path.suffix.lower(), frames_per_s),
+                    dpi=_DPI,
+                    progress_callback=None if progress is None else lambda i, n: progress(i + 1, n),
+                )
+            except subprocess.CalledProcessError as error:
+                raise FileError(
+                    f"ffmpeg cannot write {path.name}: it ended with status {error.returncode}; name a .gif or .webp"
+                ) from error
 
         write_atomically(path, write)
     return int(ticks.size)
@@ -107,14 +113,14 @@ def _decay(recording: xr.Dataset, pretension_mm: float) -> _Reel:
         raise RecordingError(
             "the recording holds no ring-down to film; record one, or film its sweep with --kind sweep"
         )
-    motion = released_motion(recording, group, with_settle=True)
+    motion = _angle(released_motion(recording, group, with_settle=True))
     shown = motion.time_s >= -_LATEST_S
     lever = np.zeros(motion.time_s.size) if motion.drive is None else motion.drive
-    at = f"{group.segment.pretension_mm:g} mm"
+    title = "driven, then let go" + at_pretension(recording, group.segment.pretension_mm)
     columns = (motion.time_s, motion.torsion, motion.rate, lever)
     time, torsion, rate, lever = (np.asarray(column[shown]) for column in columns)
     none = np.zeros(0)
-    return _Reel(time, torsion, rate, lever, np.zeros(time.size), none, none, f"driven, then let go, at {at}")
+    return _Reel(time, torsion, rate, lever, np.zeros(time.size), none, none, title)
 
 
 def _sweep(recording: xr.Dataset, pretension_mm: float) -> _Reel:
@@ -126,7 +132,7 @@ def _sweep(recording: xr.Dataset, pretension_mm: float) -> _Reel:
     chosen = sorted(
         (group for group in steady if group.segment.pretension_mm == found), key=lambda g: g.segment.frequency_hz
     )
-    pieces: list[tuple[Motion, float]] = [(motion_of(recording, g), g.segment.frequency_hz) for g in chosen]
+    pieces = [(_angle(motion_of(recording, g)), g.segment.frequency_hz) for g in chosen]
     columns: list[list[Array]] = [[], [], [], [], []]
     begin = 0.0
     for number, (motion, frequency) in enumerate(pieces):
@@ -141,7 +147,14 @@ def _sweep(recording: xr.Dataset, pretension_mm: float) -> _Reel:
     time, torsion, rate, lever, part = (np.concatenate(column) for column in columns)
     titles = tuple(f"{frequency:.2f} Hz" for _, frequency in pieces)
     frequencies = np.array([frequency for _, frequency in pieces])
-    return _Reel(time, torsion, rate, lever, part, frequencies, swing, f"at {found:g} mm", titles)
+    return _Reel(time, torsion, rate, lever, part, frequencies, swing, at_pretension(recording, found), titles)
+
+
+def _angle(motion: Motion) -> Motion:
+    """Return a motion that can be drawn as the turn of a joint. Raises RecordingError for any other."""
+    if motion.unit != "degrees" or not np.isfinite(motion.torsion).all():
+        raise RecordingError(f"found a response in {motion.unit}, or one that is not finite; a film draws angles alone")
+    return motion
 
 
 class _Stage:
@@ -158,7 +171,7 @@ class _Stage:
         self._is_sweep = reel.x.size > 0
         if self._is_sweep:
             over.plot(reel.x, reel.y, color=GREY, linewidth=0.8, alpha=0.4)
-            over.set(xlabel="drive frequency in Hz", ylabel="torsion in degrees", ylim=(0, 1.15 * reel.y.max()))
+            over.set(xlabel="drive frequency in Hz", ylabel="torsion in degrees", ylim=(0, 1.15 * reel.y.max() or 1.0))
             (self._grown,) = over.plot([], [], "o-", color=ACCENT, markersize=4)
             self_.set(xlabel="lever θ in degrees", ylabel="torsion φ in degrees")
             self._across, self._along = reel.lever, reel.torsion
@@ -186,7 +199,7 @@ class _Stage:
         if self._is_sweep:
             part = int(reel.part[now])
             self._grown.set_data(reel.x[: part + 1], reel.y[: part + 1])
-            self._title.set_text(f"{reel.titles[part]} {reel.title}: ±{reel.y[part]:.1f}°")
+            self._title.set_text(f"{reel.titles[part]}{reel.title}: ±{reel.y[part]:.1f}°")
             seen = slice(int(np.searchsorted(reel.part, part)), seen.stop)
         else:
             self._grown.set_data(reel.time_s[seen], reel.torsion[seen])

@@ -4,6 +4,7 @@ import base64
 import functools
 import hashlib
 import math
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -381,11 +382,9 @@ def save_trends(found: Sequence[Trend], path: Path) -> None:
     if path.suffix != ".html":
         save_figure(draw_trends(found), path.parent, path.stem, (path.suffix.removeprefix("."),))
         return
-    (picture,) = save_figure(draw_trends(found), path.parent, path.stem, ("png",))
-    try:
+    with tempfile.TemporaryDirectory() as folder:
+        (picture,) = save_figure(draw_trends(found), Path(folder), path.stem, ("png",))
         write_trend_page(path, found, picture)
-    finally:
-        picture.unlink(missing_ok=True)
 
 
 def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:

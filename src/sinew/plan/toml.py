@@ -363,7 +363,7 @@ class _Lines:
     """
 
     def __init__(self, text: str) -> None:
-        self._lines = text.split("\n")
+        self._lines = text.replace("\r\n", "\n").split("\n")
         self._left = _MOST_SEARCHED
         self._statements = list(self._found())
 

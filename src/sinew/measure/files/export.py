@@ -138,9 +138,10 @@ def _matlab_name(text: str) -> str:
 def export_recording(recording: xr.Dataset, path: Path | str, to: str) -> None:
     """Write a recording for other programs, atomically.
 
-    to: csv or parquet, one flat table; mat, for MATLAB; uff, a universal file with a data set 58, of twelve digits, for
-    every channel of every segment; mcap, for Foxglove and PlotJuggler: a message for every sample, at its time in the
-    recording.
+    to: csv or parquet, one flat table; mat, for MATLAB; uff, a universal file with a data set 58 for every channel of
+    every segment, twelve digits over six digits of the time since the segment's begin; mcap, for Foxglove and
+    PlotJuggler: a message for every sample, at its time in the recording, from its first sample on where that lies
+    before zero.
     Raises SchemaError where it is not a recording, SpecError for another format, FileError where the file cannot be
     written or its library is missing.
 
@@ -164,6 +165,7 @@ def _export_parquet(recording: xr.Dataset, path: Path) -> None:
 def _export_mcap(recording: xr.Dataset, path: Path) -> None:
     writer = library(path, "mcap.writer", "mcap", "an MCAP file", "writes")
     frame = flat_table(recording)
+    earliest = min(0.0, float(frame["time_s"].min()))  # a message has no time before zero
     properties = {
         name: {"type": "number" if pd.api.types.is_numeric_dtype(column) else "string"}
         for name, column in frame.items()
@@ -177,7 +179,7 @@ def _export_mcap(recording: xr.Dataset, path: Path) -> None:
             number = out.register_schema("sinew.Sample", "jsonschema", schema.encode())
             channel = out.register_channel(_SAMPLES, "json", number)
             for stamp, row in zip(frame["time_s"], frame.to_dict("records"), strict=True):
-                at = round(stamp * 1e9)
+                at = round((stamp - earliest) * 1e9)
                 known = {name: value for name, value in row.items() if value == value}
                 out.add_message(channel, at, json.dumps(known).encode(), at)
             out.add_metadata("sinew", {str(key): str(value) for key, value in recording.attrs.items()})
@@ -202,8 +204,9 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
                 "ver_num": int(segment) + 1,
                 "id1": name,
                 "id2": f"segment {segment}: {rows['kind'].iloc[0]}",
+                "id3": f"time 0 is {float(rows['time_s'].iloc[0])!r} s of the recording",
                 "data": rows[name].to_numpy(dtype=float),
-                "x": rows["time_s"].to_numpy(),
+                "x": (rows["time_s"] - rows["time_s"].iloc[0]).to_numpy(),
                 "abscissa_spacing": 0,  # the times are written, too
                 "rsp_node": number + 1,
                 "rsp_dir": 0,
