@@ -110,8 +110,8 @@ def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_as
     page = listed(opened, lab, take=True)
     for name in ("run-0003", "run-0004"):
         page.click(f"[aria-label='choose {name}']")
-    page.fill("#sinew-search", "name:run-0004")
-    page.wait_for_function(f"document.querySelectorAll('{ROWS}').length === 1")
+    page.fill("input[type=search]", "name:run-0004")
+    await_rows(page, 1)
     page.click("#sinew-bin")
     assert page.inner_text("[data-asked]") == "Put into the bin run-0004?"
     page.click("#sinew-bin-not")
