@@ -223,12 +223,6 @@ def checked_gaps(gaps: str) -> Literal["refuse", "split", "bridge"]:
     return cast(Literal["refuse", "split", "bridge"], gaps)
 
 
-def one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
-    """Do nothing where a word is one of those expected; else raise SpecError."""
-    if found not in expected:
-        raise SpecError(f"{option} is {found!r}, expected {' or '.join(expected)}")
-
-
 def check_choice(option: str, found: str, expected: Iterable[str]) -> None:
     """Do nothing where a word is in a list; else raise SpecError, which shows the list."""
     if found not in expected:
