@@ -243,7 +243,7 @@ export class Oscilloscope {
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => this.point(event));
     canvas.addEventListener("dblclick", () => this.traces ? this.live() : this.go(0, this.end));
     for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.isFresh = true; });
-    addEventListener("resize", () => { this.isFresh = true; });
+    new ResizeObserver(() => { this.isFresh = true; }).observe(canvas);
     new MutationObserver(() => setTimeout(() => { this.isFresh = true; }, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
   }
 
