@@ -2,8 +2,9 @@
 viewers and follows the memory of the pages' server; `--cycles 60` runs an emulated bench in real time with four viewers
 and without, and lays the begins of its cycles side by side; `--live 60` does so with the dashboard as it ships and a
 Chromium that draws its live page by software, oscilloscope and joint, on the same computer; `--hours 12 --browser 60`
-lets Chromium watch so many hours within so many seconds, and tells the frames of an oscilloscope with eight traces, and
-the memory of server and page at begin, middle and end. JSON on stdout."""
+lets Chromium watch so many hours within so many seconds, and tells the frames of an oscilloscope with eight traces and
+the memory of server, page and workers at begin, middle and end, the workers after another page had a run analysed and a
+plan tried. JSON on stdout."""
 
 import argparse
 import asyncio
@@ -260,18 +261,41 @@ def stream_hours(hours: float, speed: float, viewers: int = VIEWERS) -> dict[str
     }
 
 
+def simulated(folder: Path) -> Path:
+    """Return the folder of a run of the twin, in a folder of runs."""
+    (folder / "done").mkdir()
+    plan = folder / "done" / "plan.toml"
+    plan.write_text(PLAN.format(periods=30))
+    command = [str(SINEW), "simulate", str(plan), "--out", str(folder / "done" / "recording.nc")]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return folder / "done"
+
+
+def use_workers(page: Any, base: str, done: Path) -> None:
+    """Have a run that has ended analysed anew, and a plan tried; both are done when this returns."""
+    for path in (*done.glob("results.nc"), *done.glob("analysis.json"), *done.glob("*/results.json")):
+        path.unlink()
+    page.goto(f"{base}/runs/{done.name}")
+    while not any(done.glob("*/results.json")):
+        page.wait_for_timeout(100)
+    page.goto(f"{base}/plan")
+    page.wait_for_function("document.querySelector('#sinew-duration')?.textContent", timeout=120_000)
+
+
 def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
     """Return what a browser shows of a run of so many hours that is written within so many seconds, and what it costs.
 
-    `frames_per_s` of the oscilloscope with eight traces, every second; `draw_ms`: what one of its pictures takes of the
-    page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server, and of the page what its
-    scripts hold, after they were swept, at begin, middle and end; `to_the_begin_ms`: until the first samples are seen.
+    `frames_per_s` of the oscilloscope with eight traces, every second in which no worker is asked; `draw_ms`: what one
+    of its pictures takes of the page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server,
+    of its workers after they were used, and of the page what its scripts hold, after they were swept, at begin, middle
+    and end; `to_the_begin_ms`: until the first samples are seen.
     """
     from playwright.sync_api import sync_playwright
 
     speed, found = 3600 * hours / seconds, {}
     with tempfile.TemporaryDirectory() as folder:
         runs = Path(folder)
+        done = simulated(runs)
         (runs / "long").mkdir()
         ready = threading.Event()
         arguments = (runs / "long" / "journal.sqlite", 3600 * hours, speed, ready)
@@ -279,24 +303,34 @@ def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
         status = {"run": {"name": "long", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
         with saying(status) as steering, pages(runs, steering) as (port, process), sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=BY_SOFTWARE)
-            page = browser.new_page()
+            page, other = browser.new_page(), browser.new_page()
             sweeper = page.context.new_cdp_session(page)
+            use_workers(other, f"http://127.0.0.1:{port}", done)  # whatever they compile, they have compiled then
             writer.start()
             ready.wait(30.0)
             page.goto(f"http://127.0.0.1:{port}/")
             page.wait_for_function("Number(document.body.dataset.samples) > 100", timeout=120_000)
 
             def memory() -> dict[str, float]:
+                use_workers(other, f"http://127.0.0.1:{port}", done)
+                workers = psutil.Process(process).children(recursive=True)
+                page.bring_to_front()
                 sweeper.send("HeapProfiler.collectGarbage")
                 held = sweeper.send("Runtime.getHeapUsage")["usedSize"] / 2**20
                 with JournalReader(runs / "long" / "journal.sqlite") as journal:
                     at = journal.last_sample() / RATE_HZ / 3600
-                return {"at_h": round(at, 2), "server": round(memory_mb(process), 1), "page": round(held, 1)}
+                return {
+                    "at_h": round(at, 2),
+                    "server": round(memory_mb(process), 1),
+                    "page": round(held, 1),
+                    "workers": round(sum(memory_mb(one.pid) for one in workers), 1),
+                    "processes": len(workers),
+                }
 
             found["traces"] = page.evaluate("SinewScope.scope.lines(SinewScope.bins).length")
             found["memory_mb"], found["frames_per_s"] = [memory()], []
             while writer.is_alive():
-                page.wait_for_timeout(1000)
+                page.wait_for_timeout(2000)  # the page counts every second
                 found["frames_per_s"].append(float(page.evaluate("document.body.dataset.fps") or 0))
                 with JournalReader(runs / "long" / "journal.sqlite") as journal:
                     share = journal.last_sample() / RATE_HZ / 3600 / hours
@@ -332,19 +366,21 @@ def real_bench(folder: Path, seconds: float) -> Iterator[tuple[Path, list[str]]]
 
 
 def cycles_of(run: Path) -> dict[str, Any]:
-    """Return how the cycles of a run kept time: `late_ms`, how many began so much after their deadline [ms]."""
+    """Return how the cycles of a run kept time: `late_ms`, how many began so much after their deadline [ms]; `latest`:
+    when [s] the eight latest did, and how late."""
     with JournalReader(run / "journal.sqlite") as journal:
         rows = journal.samples(1, journal.last_sample() + 1)
         numbers = journal.counts()
         ended = str(journal.events()[-1][1])
     late = 1e3 * rows["late_s"]
     edges = [0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf]
+    worst = sorted(np.argsort(np.nan_to_num(late))[-8:])
     return {
         "cycles": int(numbers.get("cycles", late.size)),
         "missed": int(numbers.get("cycles_missed", -1)),
         "late_ms": {f"below {b:g}": int(((late >= a) & (late < b)).sum()) for a, b in itertools.pairwise(edges)},
         **{f"late_{name}_ms": float(np.nanpercentile(late, at)) for name, at in SHARES.items()},
-        "late_most_ms": float(np.nanmax(late)),
+        "latest": [(round(float(rows["time_s"][k] - rows["time_s"][0]), 2), round(late[k], 2)) for k in worst],
         "ended": ended,
     }
 

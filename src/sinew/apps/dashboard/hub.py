@@ -134,7 +134,7 @@ class JournalTail:
 
 
 FRAME_S = 1 / 32
-"""Time between two frames [s]: a few more than the 30 a second that a page shall draw, for two may reach it together."""
+"""Time between two frames [s]: a few more than the 30 a second that are to be drawn: two may reach a page at once."""
 
 _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz

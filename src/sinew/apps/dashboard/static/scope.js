@@ -9,6 +9,10 @@ export function css(name) {
   return colours.get(name);
 }
 
+// What this browser remembers from page to page.
+export function kept(name, otherwise) { try { return JSON.parse(localStorage.getItem(name)) ?? otherwise; } catch { return otherwise; } }
+export function keep(name, value) { try { localStorage.setItem(name, JSON.stringify(value)); } catch { /* storage is off */ } }
+
 // Bins of one run, in typed arrays that are made once.
 export class Traces {
   constructor() { this.reset([]); }
