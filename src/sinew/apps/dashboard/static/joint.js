@@ -15,22 +15,14 @@ function mixed(THREE, share) {
   return share < 0.5 ? low.lerp(mid, 2 * share) : mid.lerp(high, 2 * share - 1);
 }
 
-// Whether pictures in space are made by the processor: each takes it a hundredth of a second.
-function isBySoftware(renderer) {
-  const context = renderer.getContext(), about = context.getExtension("WEBGL_debug_renderer_info");
-  return /swiftshader|llvmpipe|software/i.test(about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
-}
-
-const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PERIODS = 2, LABEL_MS = 200, EVERY_MS = 33, SOFT_MS = 66, TURN = Math.PI / 18, MOST = 0.9 * Math.PI;
+const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PERIODS = 2, LABEL_MS = 200, EVERY_MS = 60, TURN = Math.PI / 18, MOST = 0.9 * Math.PI;
 
 // The joint in its card: turned by mouse, touch and keys, its deformation drawn larger than it is, tensions as numbers,
 // and its last periods slowly.
 export class JointView {
   // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly.
   constructor(component, traces) {
-    Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, least: isBySoftware(component.renderer) ? SOFT_MS : EVERY_MS, drawn: 0,
-      isSeen: true, mean: { pitch: 0, roll: 0 } });
-    this.every = this.least;
+    Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, isSeen: true, mean: { pitch: 0, roll: 0 } });
     this.box = document.getElementById("sinew-joint");
     const slider = document.getElementById("sinew-exaggeration"), slowly = document.getElementById("sinew-slow");
     slider.addEventListener("input", () => {
@@ -62,7 +54,7 @@ export class JointView {
   }
 
   // The oscilloscope goes first: where the page falls behind, the joint is drawn less often.
-  yieldTo(rate) { this.every = rate < 27 ? Math.min(1000, 1.5 * this.every) : Math.max(this.least, 0.9 * this.every); }
+  yieldTo(rate) { this.every = rate < 27 ? Math.min(1000, 1.5 * this.every) : Math.max(EVERY_MS, 0.9 * this.every); }
 
   async show(rig) {
     this.joint?.remove();
@@ -73,8 +65,8 @@ export class JointView {
     this.isFresh = true;
   }
 
-  // NiceGUI draws 25 times a second, out of step with the oscilloscope: each of its pictures would be one more of the
-  // page's. `paint` draws instead.
+  // NiceGUI draws out of step with the oscilloscope, so that each of its pictures is one more of the page's; `paint`
+  // draws instead, in every second one.
   drawWhenNew() {
     const { renderer, camera, scene } = this.component, draw = renderer.render.bind(renderer);
     this.seen = camera.matrixWorld.clone();
