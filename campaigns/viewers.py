@@ -36,6 +36,7 @@ from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 VIEWERS = 4
 RATE_HZ = 200.0
 WARM_SHARE = 0.2
+MOST_AT_ONCE = 20_000  # samples
 LEAD_S = 8.0
 SHARES = {"median": 50, "p99": 99, "p999": 99.9}
 ROLES = {
@@ -205,7 +206,7 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
         ready.set()
         begin, written, total = time.monotonic(), 0, int(seconds * RATE_HZ)
         while written < total:
-            due = min(total, int((time.monotonic() - begin) * speed * RATE_HZ))
+            due = min(total, int((time.monotonic() - begin) * speed * RATE_HZ), written + MOST_AT_ONCE)
             for index in range(written, due):
                 journal.append(synthetic(index, rig.tendons.count))
                 if index % int(RATE_HZ) == 0:
@@ -228,6 +229,7 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
                         )
                     )
             written = max(written, due)
+            journal.flush()  # on a busy computer it falls behind, and does not run ahead of the disk
             time.sleep(0.02)
 
 
