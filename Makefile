@@ -51,13 +51,14 @@ test-long: $(VENV)/.dev ## the longest proofs: intervals counted over whole camp
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
 
-check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree
+check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree, spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_links.py
 	$(BIN)/python tools/check_hosts.py
+	$(BIN)/codespell
 
 bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run; beams beside finite elements
 	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
