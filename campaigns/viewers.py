@@ -273,14 +273,23 @@ def simulated(folder: Path) -> Path:
     return folder / "done"
 
 
+def go_to(page: Any, address: str) -> None:
+    """Open a page; on a busy computer its server may be late, and says so."""
+    for _ in range(5):
+        answer = page.goto(address)
+        if answer is not None and answer.ok:
+            return
+    raise TimeoutError(f"{address} does not open")
+
+
 def use_workers(page: Any, base: str, done: Path) -> None:
     """Have a run that has ended analysed anew, and a plan tried; both are done when this returns."""
     for path in (*done.glob("results.nc"), *done.glob("analysis.json"), *done.glob("*/results.json")):
         path.unlink()
-    page.goto(f"{base}/runs/{done.name}")
+    go_to(page, f"{base}/runs/{done.name}")
     while not any(done.glob("*/results.json")):
         page.wait_for_timeout(100)
-    page.goto(f"{base}/plan")
+    go_to(page, f"{base}/plan")
     page.wait_for_function("document.querySelector('#sinew-duration')?.textContent", timeout=120_000)
 
 
