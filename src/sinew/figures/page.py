@@ -23,8 +23,8 @@ from sinew.analysis.run_trend import Trend
 from sinew.figures.style import MARKERS, in_style, new_figure, pretension_colours, save_figure
 from sinew.measure import estimate
 from sinew.measure.arrays import Array, mean_and_spread
+from sinew.measure.doors import write_text
 from sinew.measure.estimate import DIGITS, typeset
-from sinew.measure.files.netcdf import write_text
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
 
