@@ -170,6 +170,7 @@ def _in_processes(function: Callable[[T], R], waiting: dict[int, T], workers: in
     """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
     share, tries = max(1, cores() // workers), 0
     while waiting:
+        broken: BrokenProcessPool | None = None
         pool = ProcessPoolExecutor(workers, get_context("spawn"))
         try:
             # A process is begun when a task is handed in, and has the environment of that moment. NPROC stays
@@ -177,19 +178,22 @@ def _in_processes(function: Callable[[T], R], waiting: dict[int, T], workers: in
             with _environment({CORES: str(share), "OPENBLAS_NUM_THREADS": str(share), "OMP_NUM_THREADS": str(share)}):
                 futures = {pool.submit(function, task): place for place, task in waiting.items()}
             for future in as_completed(futures):
-                result = future.result()
+                try:
+                    result = future.result()
+                except BrokenProcessPool as error:  # of all that were not done; what was comes beside them
+                    broken = error
+                    continue
                 del waiting[futures[future]]
                 tries = 0
                 yield futures[future], result
-        except BrokenProcessPool as error:
-            tries += 1
-            if tries == _TRIES:
-                raise SinewError(
-                    f"processes that compute ended {_TRIES} times before any of {len(waiting)} tasks was done, perhaps "
-                    'for want of memory; take fewer workers, and in a script begin under `if __name__ == "__main__":`'
-                ) from error
         finally:
             pool.shutdown(wait=not waiting, cancel_futures=True)
+        tries += broken is not None
+        if tries == _TRIES:
+            raise SinewError(
+                f"processes that compute ended {_TRIES} times before any of {len(waiting)} tasks was done, perhaps for "
+                'want of memory; take fewer workers, and in a script begin under `if __name__ == "__main__":`'
+            ) from broken
 
 
 @contextmanager
