@@ -1,6 +1,7 @@
 """Tasks over this process and others: order, progress, what is kept and gone on from, what a killed process costs."""
 
 import os
+import pickle
 import re
 import signal
 import sqlite3
@@ -12,7 +13,7 @@ import pytest
 
 from sinew.measure import tasks
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.measure.tasks import CORES, DEVICE, Spread, cores, each_task, run_tasks
+from sinew.measure.tasks import CORES, DEVICE, Spread, cores, digest_of, each_task, run_tasks
 
 
 class Job(NamedTuple):
@@ -81,18 +82,23 @@ def test_a_result_is_on_the_disk_before_it_is_handed_out(log: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize("same", [0.5, "word", {"a", "b", "c"}, np.arange(3.0), (("a" * 9,) * 2, None)])
-def test_equal_tasks_have_one_key(same: object) -> None:
-    import pickle
-
-    again = pickle.loads(pickle.dumps(same))
-    assert tasks._key("source", "cpu", square, same) == tasks._key("source", "cpu", square, again)
+def test_equal_tasks_have_one_digest(same: object) -> None:
+    assert digest_of(pickle.loads(pickle.dumps(same))) == digest_of(same)
 
 
-@pytest.mark.parametrize(
-    ("source", "device", "task"), [("other", "cpu", 1), ("source", "gpu", 1), ("source", "cpu", 2)]
-)
-def test_another_program_device_or_task_has_another_key(source: str, device: str, task: int) -> None:
-    assert tasks._key(source, device, square, task) != tasks._key("source", "cpu", square, 1)
+@pytest.mark.parametrize("other", [0.1, 0.3, np.float64(0.1 + 0.2), [0.1 + 0.2], "0.3"])
+def test_tasks_that_differ_in_a_bit_have_other_digests(other: object) -> None:
+    assert digest_of(other) != digest_of(0.1 + 0.2)
+
+
+def test_what_another_program_kept_is_computed_again(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spread = Spread(keep=tmp_path / "kept.sqlite")
+    run_tasks(square, [Job(2.0, log)], spread)
+    monkeypatch.setattr(tasks, "source_of", lambda _: "of tomorrow")
+    run_tasks(square, [Job(2.0, log)], spread)
+    assert computed(log) == [2.0, 2.0]
 
 
 def test_what_a_killed_process_was_at_is_computed_again_and_nothing_else(log: Path, tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def each_task(
             progress(done, len(tasks))
 
     with _kept_in(spread.keep) as kept:
-        keys = [] if kept is None else [_key(source, spread.device, function, task) for task in tasks]
+        keys = [] if kept is None else [digest_of((source, spread.device, function, task)) for task in tasks]
         waiting = dict(enumerate(tasks))
         if kept is not None:
             for place, key in enumerate(keys):
@@ -344,9 +344,10 @@ class _Plain(pickle.Pickler):
         return sorted(map(repr, obj)) if isinstance(obj, (set, frozenset)) else None
 
 
-def _key(source: str | None, device: str, function: Callable[..., Any], task: object) -> str:
+def digest_of(value: object) -> str:
+    """Return a hash of every bit of a value; equal values have one."""
     written = io.BytesIO()
-    _Plain(written).dump((source, device, function, task))
+    _Plain(written).dump(value)
     return hashlib.sha256(written.getvalue()).hexdigest()
 
 

@@ -148,6 +148,21 @@ def map_workspace(
     most = rig.limits.most_bend_deg
     if not 0.1 <= step_deg <= most:
         raise SpecError(f"found a step of {step_deg:g}°, expected 0.1 to {most:g}°, as far as the rig may bend")
+    planes = planes_of(rig, pretension_mm, step_deg, mode)
+    parts = [(plane, strip) for plane in planes for strip in plane.strips()]
+    done, total = 0, sum(int((plane.verdict != OUTSIDE).sum()) for plane in planes)
+    for place, columns in each_task(fill_strip, [strip for _, strip in parts], spread):
+        plane, strip = parts[place]
+        done += plane.put(strip.columns, columns)
+        progress(done, total)
+    stacked = [np.stack([getattr(plane, name) for plane in planes]) for name in Plane.COLUMNS]
+    axis = planes[0].axis
+    return Workspace(rig, mode, np.asarray(pretension_mm, dtype=float), axis, axis, *stacked)
+
+
+def planes_of(rig: RigSpec, pretension_mm: Sequence[float], step_deg: float, mode: str) -> "list[Plane]":
+    """Return the maps of some pretensions, empty. Raises SpecError where they would be too large."""
+    most = rig.limits.most_bend_deg
     half = int(most / step_deg + 1e-9)
     axis = np.asarray(step_deg * np.arange(-half, half + 1), dtype=float)
     total = len(pretension_mm) * int((np.hypot(*np.meshgrid(axis, axis)) <= most + 1e-9).sum())
@@ -156,15 +171,7 @@ def map_workspace(
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     ends = first_contact(space, contact)[1]
-    planes = [_Plane(rig, *_upright(space, contact, 1e-3 * mm, mode), ends, axis, most) for mm in pretension_mm]
-    parts = [(plane, strip) for plane in planes for strip in plane.strips()]
-    done = 0
-    for place, columns in each_task(_fill_strip, [strip for _, strip in parts], spread):
-        plane, strip = parts[place]
-        done += plane.put(strip.columns, columns)
-        progress(done, total)
-    stacked = [np.stack([getattr(plane, name) for plane in planes]) for name in _Plane.COLUMNS]
-    return Workspace(rig, mode, np.asarray(pretension_mm, dtype=float), axis, axis, *stacked)
+    return [Plane(rig, *_upright(space, contact, 1e-3 * mm, mode), ends, axis, most) for mm in pretension_mm]
 
 
 class _Known(NamedTuple):
@@ -174,8 +181,8 @@ class _Known(NamedTuple):
     across: Array
 
 
-class _Strip(NamedTuple):
-    """Some columns of a map: what `_Plane` takes, which columns [index], and a pose in each to begin at, if any."""
+class Strip(NamedTuple):
+    """Some columns of a map: what `Plane` takes, which columns [index], and a pose in each to begin at, if any."""
 
     rig: RigSpec
     space: Space
@@ -187,13 +194,13 @@ class _Strip(NamedTuple):
     known: tuple[_Known | None, ...]
 
 
-def _fill_strip(strip: _Strip) -> tuple[NDArray[Any], ...]:
-    """Return the columns of a strip, each of `_Plane.COLUMNS` over (pitch, column)."""
+def fill_strip(strip: Strip) -> tuple[NDArray[Any], ...]:
+    """Return the columns of a strip, each of `Plane.COLUMNS` over (pitch, column)."""
     configure()
-    plane = _Plane(*strip[:-2])
+    plane = Plane(*strip[:-2])
     with ThreadPoolExecutor(cores()) as workers:
         list(workers.map(plane.fill_column, strip.columns, strip.known))
-    return tuple(getattr(plane, name)[:, strip.columns] for name in _Plane.COLUMNS)
+    return tuple(getattr(plane, name)[:, strip.columns] for name in Plane.COLUMNS)
 
 
 def _upright(space: Space, contact: float, pretension: float, mode: str) -> tuple[Space, _Known]:
@@ -205,7 +212,7 @@ def _upright(space: Space, contact: float, pretension: float, mode: str) -> tupl
     return jax.tree.map(np.asarray, there), _Known(np.asarray(found.q), np.zeros(2))
 
 
-class _Plane:
+class Plane:
     """The map of one pretension while it is filled; columns as in `Workspace`, (pitch, roll)."""
 
     COLUMNS = ("verdict", "highest", "lowest", "softest", "strain")
@@ -223,7 +230,7 @@ class _Plane:
         self.verdict = np.where(asked, LOST, OUTSIDE)
         self.highest, self.lowest, self.softest, self.strain = (np.full(asked.shape, np.nan) for _ in range(4))
 
-    def strips(self) -> Iterator[_Strip]:
+    def strips(self) -> Iterator[Strip]:
         """Find the poses without pitch; yield the columns that begin there, so many together as make a task."""
         middle = len(self.axis) // 2
         known: dict[int, _Known] = {}
@@ -234,7 +241,7 @@ class _Plane:
         size = max(1, _STRIP // len(self.axis))
         for few in (tuple(columns[i : i + size]) for i in range(0, len(columns), size)):
             begin = tuple(map(known.get, few))
-            yield _Strip(self.rig, self.space, self.start, self.ends, self.axis, self.most_deg, few, begin)
+            yield Strip(self.rig, self.space, self.start, self.ends, self.axis, self.most_deg, few, begin)
 
     def put(self, columns: Sequence[int], found: Sequence[NDArray[Any]]) -> int:
         """Take over the columns of a strip; return how many poses they have."""

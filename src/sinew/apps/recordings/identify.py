@@ -176,7 +176,9 @@ def _recordings_in(files: list[Path]) -> list[Path] | None:
     for file in files:
         inside = sorted([*file.glob("*.nc"), *file.glob("*/recording.nc")]) if file.is_dir() else [file]
         if not inside:
-            raise FileError(f"found no recording in the folder {file}, neither NAME.nc nor NAME/recording.nc; name files")
+            raise FileError(
+                f"found no recording in the folder {file}, neither NAME.nc nor NAME/recording.nc; name files"
+            )
         found += inside
     return found
 
