@@ -37,8 +37,8 @@ DELAY_S, BYTES_PER_S = 0.02, 2.5e6
 MOST_OVERHEAD = 0.10
 """Share by which a task may cost more on the cluster than here."""
 
-_LONGEST_S = 240.0
-"""A series of kills ends after this time, whatever is left."""
+_DECAYS = 2
+"""In a job that is analysed between kills: some tenths of a second of a core."""
 
 
 # ---- the slow network: what comes in at one port goes out to another, later and not faster than that
@@ -126,9 +126,7 @@ class Cluster:
         self.network = multiprocessing.get_context("spawn").Process(target=_network, args=(links,), daemon=True)
         self.network.start()
         try:
-            self.begin_scheduler()
-            for number in range(self.count):
-                self.begin_worker(number)
+            self.begin()
             yield self
         finally:
             for process in (*self.workers.values(), self.scheduler):
@@ -138,9 +136,20 @@ class Cluster:
             self.network.kill()
             self.network.join()
 
-    def begin_scheduler(self) -> None:
-        """Begin a scheduler at its port."""
+    def begin(self) -> None:
+        """Begin a scheduler at its port, and the workers."""
         self.scheduler = self._begin("scheduler", "--host", "127.0.0.1", "--port", str(self.ports[0]), "--no-show")
+        for number in range(self.count):
+            self.begin_worker(number)
+
+    def kill_scheduler(self) -> frozenset[int]:
+        """Kill the scheduler, and the workers, which would end without it; return the ids of the workers."""
+        assert self.scheduler is not None
+        for process in (self.scheduler, *self.workers.values()):
+            process.kill()
+        for process in (self.scheduler, *self.workers.values()):
+            process.wait()
+        return frozenset(process.pid for process in self.workers.values())
 
     def begin_worker(self, number: int) -> None:
         """Begin a worker, which says of itself to be at its slow port."""
@@ -216,9 +225,6 @@ def decays(log: Path, count: int, seed: int) -> list[Job]:
     kinds = list(KINDS)
     work = [tuple((kinds[(i + k) % len(kinds)], seed + i) for k in range(_DECAYS)) for i in range(count)]
     return [Job(analyse_decays, task, number, log) for number, task in enumerate(work)]
-
-
-_DECAYS = 6
 
 
 def analyse_decays(task: Sequence[tuple[str, int]]) -> list[tuple[Any, ...]]:
@@ -328,23 +334,26 @@ class Series:
     wall_s: float
 
 
-def kill_series(folder: Path, kills: int, seed: int, workers: int = 2) -> Series:
-    """Kill workers and schedulers at random moments until there were so many kills, while jobs are computed."""
+def kill_series(folder: Path, kills: int, seed: int, longest_s: float, workers: int = 2) -> Series:
+    """Kill workers and schedulers at random moments while jobs are computed, until there were so many kills or so long
+    a time has gone."""
     log, chance = folder / "kills.log", np.random.default_rng([seed, kills])
     log.touch()
-    jobs = decays(log, max(12, 3 * kills), seed)
-    expected = [run_job(job._replace(log=folder / "alone.log"))[0] for job in jobs[:_DECAYS]]
+    jobs = decays(log, 12, seed)
+    expected = [run_job(job._replace(log=folder / "alone.log"))[0] for job in jobs[:2]]
     done: list[Kill] = []
     received: dict[int, float] = {}
     begin = time.monotonic()
     with Cluster(folder, workers).running() as cluster:
         ended = threading.Event()
-        killer = threading.Thread(target=_kill_at_random, args=(cluster, log, chance, kills, done, ended))
+        killer = threading.Thread(
+            target=_kill_at_random, args=(cluster, log, chance, kills, done, ended, begin + longest_s)
+        )
         killer.start()
         try:
             found = {}
             spread = Spread(cluster.address, keep=folder / "kept.sqlite")
-            while len(done) < kills and time.monotonic() - begin < _LONGEST_S:
+            while len(done) < kills and time.monotonic() < begin + longest_s:
                 for place, (bits, _) in each_task(run_job, jobs, spread):
                     received.setdefault(place, time.monotonic())
                     found[place] = bits
@@ -359,33 +368,31 @@ def kill_series(folder: Path, kills: int, seed: int, workers: int = 2) -> Series
 
 
 def _kill_at_random(
-    cluster: Cluster, log: Path, chance: np.random.Generator, kills: int, done: list[Kill], ended: threading.Event
+    cluster: Cluster,
+    log: Path,
+    chance: np.random.Generator,
+    kills: int,
+    done: list[Kill],
+    ended: threading.Event,
+    until: float,
 ) -> None:
     """Kill a worker or, every third time, the scheduler, and begin another, again and again."""
-    while len(done) < kills and not ended.is_set():
+    while len(done) < kills and time.monotonic() < until and not ended.is_set():
         before = log.stat().st_size
         while log.stat().st_size == before and not ended.wait(0.05):
             pass  # until work goes on
         if ended.wait(float(chance.uniform(0.1, 2.0))):
             return
+        at = time.monotonic()
         if chance.random() < 1 / 3:
-            assert cluster.scheduler is not None
-            killed = [cluster.scheduler, *cluster.workers.values()]  # workers end without it, and others are begun
-            what = "scheduler"
+            done.append(Kill("scheduler", at, cluster.kill_scheduler()))
+            cluster.begin()
         else:
             number = int(chance.integers(cluster.count))
-            killed, what = [cluster.workers[number]], "worker"
-        at = time.monotonic()
-        os.kill(killed[0].pid, signal.SIGKILL)
-        for process in killed:
+            process = cluster.workers[number]
             process.kill()
             process.wait()
-        done.append(Kill(what, at, frozenset(process.pid for process in killed)))
-        if what == "scheduler":
-            cluster.begin_scheduler()
-            for number in range(cluster.count):
-                cluster.begin_worker(number)
-        else:
+            done.append(Kill("worker", at, frozenset({process.pid})))
             cluster.begin_worker(number)
 
 
@@ -441,7 +448,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its tables, and return the exit status."""
     parser = campaign_parser("cluster", __doc__, count=50, of="kills")
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2, 4], help="sizes of the clusters [1 2 4]")
+    parser.add_argument("--for-s", type=float, default=150.0, help="kills end after this time, whatever is left [150]")
     given = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing that was begun is left behind
     os.environ.setdefault(CORES, "1")  # as a worker has
     wrong: list[str] = []
     document: dict[str, Any] = {}
@@ -452,7 +461,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             wrong += costs_wrong(costs)
             document["costs"] = [one._asdict() for one in costs]
         if given.kills:
-            series = kill_series(Path(folder), given.kills, given.seed)
+            series = kill_series(Path(folder), given.kills, given.seed, given.for_s)
             print(text(series), flush=True)
             wrong += series.wrong
             document["losses"] = [loss._asdict() | {"kill": loss.kill.what} for loss in series.losses]
