@@ -25,6 +25,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.doors import as_path
 from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import write_atomically
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
 from sinew.mechanics.rod import STRAINS, section_springs
 from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxation_times, twist_rigidity
@@ -34,7 +35,7 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.modes import Asked, Finder, FoundMode
 from sinew.predict.pose import guides_of, sections_at, strains_at
 from sinew.predict.predicted import refuse_pretensions
-from sinew.solve.first import free_swing
+from sinew.solve.first import FreeSwing, free_swing
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters
 
@@ -42,6 +43,7 @@ PIECES = 6
 """Joints of the silicone's chain; see docs/how-to/simulators.md for what fewer and more of them are worth."""
 
 _MOST_PIECES = 40
+_SMALL = 1e-3  # a swing in which guides hold [rad]
 _MOST_N = 1e4  # a motor that holds a position is not limited; MuJoCo's range wants a number
 _STEPS_S = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
 _MOST_PHASE = 0.6  # of the fastest vibration in one time step [rad]
@@ -131,14 +133,17 @@ def _memory(joint: Parameters, hz: float) -> tuple[float, float]:
     return float(storage.sum()), float(loss.sum()) / omega
 
 
+def _free(rig: RigSpec, pretension_mm: float, mode: float, swing: float) -> FreeSwing:
+    """Return what the upright joint is like in a swing of the torsion [rad]."""
+    return free_swing(from_rig(rig), rig.tendons.first_contact_tension.value, pretension_mm, mode, swing)
+
+
 def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float) -> Bodies:
     """Return the torsional joint: one piece that twists and sinks, as `sinew.mechanics.joint` has it."""
     lanes, shortening = lane_parameters([Group("idle", pretension_mm, math.nan, math.nan, 0, 0.0, 1.0)], rig, mode=mode)
     p = jax.tree.map(lambda leaf: np.float64(leaf[0]), lanes)
     sunk, length = float(shortening[0]), float(p.length)
-    found = free_swing(
-        from_rig(rig), rig.tendons.first_contact_tension.value, pretension_mm, float(p.mode), swing
-    )
+    found = _free(rig, pretension_mm, float(p.mode), swing)
     hz = float(found.natural_frequency_hz)
     total = float(found.tension_n) * rig.tendons.count
     stretch = 1 - sunk / length
@@ -147,7 +152,6 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     bounce_hz = math.sqrt((axial + grip) / float(p.head_mass)) / math.tau
     storage, loss = np.array([_memory(p, hz), _memory(p, bounce_hz)]).T
     remembered = np.array([twist, float(axial_stiffness(p))])
-    spring, lost = p.guides.fundamental(total, np.asarray(swing))
     plate = np.array([length - sunk, 0.0, 0.0])
     space = rig.space
     lever_mass = float(p.head_mass) / 2 if space is None else space.lever_mass.value
@@ -159,9 +163,10 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         place=plate,
         turned=np.eye(3),
         strains=("twist", "stretch"),
-        stiffness=np.array([twist, axial]) + storage * remembered,
+        stiffness=np.array([float(found.silicone_spring), axial]) + storage * remembered,
         damping=loss * remembered,
-        stress=np.array([0.0, -total * _upward(plate, directions, gap, p)]),
+        # The torsional joint has no weight; what it weighs here is taken by the spring.
+        stress=np.array([0.0, -total * _upward(plate, directions, gap, p) - float(p.head_mass) * STANDARD_GRAVITY]),
         mass=0.0,
         centre=plate,
         tensor=np.zeros(3),
@@ -175,8 +180,8 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         guides=float(p.head_radius) * directions + gap,
         cable_end=np.full(len(directions), float(p.cable_end)),
         tension=np.full(len(directions), total / len(directions)),
-        guide_spring=float(spring),
-        guide_damping=float(lost) / (math.tau * hz) + float(p.viscous),
+        guide_spring=float(found.guide_spring),
+        guide_damping=float(found.guide_loss) / (math.tau * hz) + float(p.viscous),
         head=(float(p.head_mass) - lever_mass, heights[0], np.array([float(p.head), across, across])),
         lever=(lever_mass, heights[1], np.array([float(p.lever), along or float(p.lever) / 2, float(p.lever)])),
         radius=rig.silicone.diameter.value / 2,
@@ -205,12 +210,16 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
     if torsion is None:
         raise SpecError(f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}")
     sways = [mode for group in ("in_plane", "across") if (mode := found.of(group)) is not None]
-    torsion_hz = torsion.swung_hz
+    swing = math.radians(asked.swing_deg)
+    straight = _free(rig, pretension_mm, float(joint.mode), swing)
+    small = _free(rig, pretension_mm, float(joint.mode), _SMALL)
+    torsion_hz = torsion.frequency_hz * float(straight.natural_frequency_hz / small.natural_frequency_hz)
     sway_hz = float(np.mean([mode.frequency_hz for mode in sways])) if sways else torsion_hz
-    spring, lost = joint.guides.fundamental(float(tension.sum()), np.asarray(math.radians(asked.swing_deg)))
+    share = float(tension.sum()) / (rig.tendons.count * float(straight.tension_n))
     feet, guides = guides_of(space)
     places, turns = sections_at(q, space, np.array([1.0]))
-    links = _links(q, space, pieces, torsion_hz, sway_hz, float(tension.sum()))
+    harder = float(straight.silicone_spring / small.silicone_spring)
+    links = _links(q, space, pieces, torsion_hz, sway_hz, harder)
     bodies = Bodies(
         links=links,
         plate=places[0],
@@ -220,15 +229,15 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         guides=guides,
         cable_end=np.asarray(space.cable_end, dtype=float),
         tension=tension,
-        guide_spring=float(spring),
-        guide_damping=float(lost) / (math.tau * torsion_hz) + float(joint.viscous),
+        guide_spring=share * float(straight.guide_spring),
+        guide_damping=share * float(straight.guide_loss) / (math.tau * torsion_hz) + float(joint.viscous),
         head=(float(space.head_mass), float(space.head_height), np.asarray(space.head_tensor)),
         lever=(float(space.lever_mass), float(space.lever_height), np.asarray(space.lever_tensor)),
         radius=rig.silicone.diameter.value / 2,
         channel=float(space.channel) > 0,
         torsion_hz=torsion_hz,
         sway_hz=sway_hz,
-        swing=math.radians(asked.swing_deg),
+        swing=swing,
         modes=found.modes,
     )
     # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
@@ -237,13 +246,14 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
 
 
 def _links(
-    q: Array, space: Space, pieces: int, torsion_hz: float, sway_hz: float, total: float
+    q: Array, space: Space, pieces: int, torsion_hz: float, sway_hz: float, harder: float
 ) -> tuple[Link, ...]:
     """Return the chain of a rod at rest. Each piece has its joint in its middle; a body reaches from one joint to the
     next, so that the one above the last joint is half a piece long and carries the head.
 
     A hinge in the middle of a piece bends as the piece does under a moment; under a force across it gives way too
-    little, by length³/(12 B), which its slide across has besides the shear.
+    little, by length³/(12 B), which its slide across has besides the shear. harder: the relaxed twist spring in the swing
+    over that at rest.
     """
     joint, length = space.rod.joint, float(space.rod.joint.length)
     middle = (np.arange(pieces) + 0.5) / pieces
@@ -261,7 +271,8 @@ def _links(
     hz = (torsion_hz, sway_hz, sway_hz, bounce_hz, sway_hz, sway_hz)
     storage, loss = np.array([_memory(joint, one) for one in hz]).T
     remembered = np.asarray(springs.remembered)
-    stiffness = (np.asarray(springs.stiffness) + storage * remembered) / piece
+    relaxed = np.asarray(springs.stiffness) * np.where(np.arange(len(STRAINS)) == 0, harder, 1.0)
+    stiffness = (relaxed + storage * remembered) / piece
     damping = loss * remembered / piece
     for shear, bend in ((4, 2), (5, 1)):  # across y goes with the bend about z, across z with that about y
         softer = 1 + stiffness[:, shear] * (piece * stretch) ** 2 / (12 * stiffness[:, bend])

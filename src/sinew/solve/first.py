@@ -15,7 +15,7 @@ import numpy as np
 
 from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import memory_stiffness
+from sinew.mechanics.silicone import memory_stiffness, silicone_energy
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension, total_tension
 from sinew.plan.rig import LIMIT_RESERVE_N
 from sinew.solve.rest import axial_force, set_pretension, sink, sunk
@@ -86,7 +86,8 @@ class FreeSwing(NamedTuple):
 
     tension_n: of one tendon at rest; tendon_moment_n_m: times the head's radius. natural_frequency_hz: undamped.
     damping_ratio: of the energy lost in a cycle. cubic_n_m_rad3: of the static restoring torque. The shares are of the
-    energy lost.
+    energy lost. Of the fundamental's stiffness [N m/rad]: silicone_spring, its relaxed part, guide_spring and guide_loss,
+    under the tension as it rises in the swing.
     """
 
     tension_n: Any
@@ -97,6 +98,9 @@ class FreeSwing(NamedTuple):
     silicone_share: Any
     guide_friction_share: Any
     viscous_share: Any
+    silicone_spring: Any
+    guide_spring: Any
+    guide_loss: Any
 
 
 def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
@@ -126,7 +130,9 @@ def _free_swing(
     pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, place, p)
     rising = jnp.where(jnp.sin(angle) < 0, 1.0, -1.0)  # falling, the loop is its mirror image
     friction = p.guides.greatest_torque(pull) * rising * p.guides.loop(rising * torsion, amplitude)
-    held = 2 * jnp.mean((static + friction) * cosine) / amplitude
+    guide_spring = 2 * jnp.mean(friction * cosine) / amplitude
+    held = 2 * jnp.mean(static * cosine) / amplitude + guide_spring
+    silicone = jax.vmap(jax.grad(silicone_energy), in_axes=(0, 0, None))(torsion, place, p)
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * jnp.sin(angle))
     inertia = p.head + p.lever
 
@@ -149,6 +155,9 @@ def _free_swing(
         lost_silicone / whole,
         lost_guides / whole,
         lost_viscous / whole,
+        2 * jnp.mean(silicone * cosine) / amplitude,
+        guide_spring,
+        lost_guides / (jnp.pi * amplitude**2),
     )
 
 
