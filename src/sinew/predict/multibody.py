@@ -6,8 +6,10 @@ none from a measured resonance. Bodies are where they rest at a pretension, and 
 there. Head, lever, guides and weight are those of `sinew.mechanics.space`; tendons follow the law of
 `sinew.mechanics.tendons` exactly, slack and limit with it.
 
-What a simulator's springs and dampers cannot do is taken where it matters most, and said in the file: the silicone's
-memory at the frequency of its mode, the guides' friction in a swing of one amplitude.
+The silicone's memory is one Maxwell element for each coordinate of the rod, which simulators have no word for: a small
+mass on a damper, tied to the coordinate by a spring. A pose that is held relaxes, and storage and loss are those of the
+twin's four branches at the frequency of the mode. What springs and dampers cannot do is taken where it matters and said
+in the file: the guides' friction, and how the silicone hardens, in a swing of one amplitude.
 """
 
 import math
@@ -27,7 +29,7 @@ from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import write_atomically
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
-from sinew.mechanics.rod import STRAINS, section_springs
+from sinew.mechanics.rod import STRAINS, TERMS, section_springs
 from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxation_times, twist_rigidity
 from sinew.mechanics.space import Space
 from sinew.plan.plan import Group, TendonMode
@@ -35,7 +37,7 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.modes import Asked, Finder, FoundMode
 from sinew.predict.pose import guides_of, sections_at, strains_at
 from sinew.predict.predicted import refuse_pretensions
-from sinew.solve.first import FreeSwing, free_swing
+from sinew.solve.first import FreeSwing, SwingSprings, swing_springs
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters
 
@@ -43,6 +45,7 @@ PIECES = 6
 """Joints of the silicone's chain; see docs/how-to/simulators.md for what fewer and more of them are worth."""
 
 _MOST_PIECES = 40
+_LIGHT = 1e-3  # a memory's mass over what its damper holds in the time it takes to forget
 _SMALL = 1e-3  # a swing in which guides hold [rad]
 _MOST_N = 1e4  # a motor that holds a position is not limited; MuJoCo's range wants a number
 _STEPS_S = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
@@ -57,32 +60,43 @@ ENDINGS: dict[str, Format] = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}
 class Link(NamedTuple):
     """One piece of the chain: a joint and the body above it, at rest.
 
-    place, turned: of the joint in frame B (3,) [m], (3, 3). strains: which of `STRAINS` it has. stiffness, damping,
-    stress: along them, in N m, N and radians, metres; stress at rest. mass, centre [m] in B, tensor about its own axes
-    (3,): of the body.
+    place, turned: of the joint in frame B (3,) [m], (3, 3). strains: which of `STRAINS` it has. stiffness: along them,
+    relaxed, [N m/rad] and [N/m]; stress: at rest [N m], [N]. mass, centre [m] in B, tensor about its own axes (3,): of
+    the body.
     """
 
     place: Array
     turned: Array
     strains: tuple[str, ...]
     stiffness: Array
-    damping: Array
     stress: Array
     mass: float
     centre: Array
     tensor: Array
 
 
+class Memory(NamedTuple):
+    """A Maxwell element of one coordinate of the rod: Σ weight·strain over the links (link,). stiffness [N m/rad] or
+    [N/m]; time: after which it forgets [s]."""
+
+    strain: str
+    order: int
+    weights: Array
+    stiffness: float
+    time: float
+
+
 class Bodies(NamedTuple):
     """A joint as bodies on springs, in SI and frame B: what every format is written from.
 
-    links: from the foot up. plate, turned: where the head's plate rests (3,), (3, 3). joint: numbers of tendons and
+    links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint: numbers of tendons and
     drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at rest (tendon,).
     guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever: (mass, height above
     the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is taken; swing: [rad].
     """
 
     links: tuple[Link, ...]
+    memory: tuple[Memory, ...]
     plate: Array
     turned: Array
     joint: Parameters
@@ -126,16 +140,34 @@ def joint_bodies(
     return _upright(rig, pretension_mm, mode, math.radians(swing_deg))
 
 
-def _memory(joint: Parameters, hz: float) -> tuple[float, float]:
-    """Return (storage, loss over ω [s]) of the silicone's branches, over its relaxed stiffness, at a frequency [Hz]."""
+def _element(joint: Parameters, hz: float) -> tuple[float, float]:
+    """Return (stiffness over the relaxed one, time [s]) of the Maxwell element that stores and loses at a frequency [Hz]
+    what the silicone's branches do: of g (ωτ)²/(1 + (ωτ)²) and g ωτ/(1 + (ωτ)²)."""
     omega = math.tau * hz
-    storage, loss = branch_stiffness(np.array([float(g) for g in joint.prony_shares]), omega * relaxation_times())
-    return float(storage.sum()), float(loss.sum()) / omega
+    shares = np.array([float(g) for g in joint.prony_shares])
+    storage, loss = (float(part.sum()) for part in branch_stiffness(shares, omega * relaxation_times()))
+    return (storage + loss**2 / storage, storage / loss / omega) if storage > 0 else (0.0, 1 / omega)
 
 
-def _free(rig: RigSpec, pretension_mm: float, mode: float, swing: float) -> FreeSwing:
+def _memories(strains: Sequence[str], remembered: Array, hz: Sequence[float], joint: Parameters) -> tuple[Memory, ...]:
+    """Return the elements of a chain. remembered: what strains have shares of, by link (link, strain); hz: of the mode
+    that each strain swings in. Coordinates are polynomials along the chain, orthonormal over its links."""
+    count = len(remembered)
+    vander = np.polynomial.legendre.legvander((2 * np.arange(count) + 1) / count - 1, min(TERMS, count) - 1)
+    weights = np.linalg.qr(vander)[0]
+    weights *= np.sign(weights[-1])
+    found = []
+    for k, strain in enumerate(strains):
+        share, time = _element(joint, hz[k])
+        stiffness = share * float(remembered[:, k].mean())
+        if stiffness > 0:
+            found += [Memory(strain, order, row, stiffness, time) for order, row in enumerate(weights.T)]
+    return tuple(found)
+
+
+def _free(rig: RigSpec, pretension_mm: float, mode: float, swing: float) -> tuple[FreeSwing, SwingSprings]:
     """Return what the upright joint is like in a swing of the torsion [rad]."""
-    return free_swing(from_rig(rig), rig.tendons.first_contact_tension.value, pretension_mm, mode, swing)
+    return swing_springs(from_rig(rig), rig.tendons.first_contact_tension.value, pretension_mm, mode, swing)
 
 
 def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float) -> Bodies:
@@ -143,15 +175,14 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     lanes, shortening = lane_parameters([Group("idle", pretension_mm, math.nan, math.nan, 0, 0.0, 1.0)], rig, mode=mode)
     p = jax.tree.map(lambda leaf: np.float64(leaf[0]), lanes)
     sunk, length = float(shortening[0]), float(p.length)
-    found = _free(rig, pretension_mm, float(p.mode), swing)
+    found, springs = _free(rig, pretension_mm, float(p.mode), swing)
     hz = float(found.natural_frequency_hz)
     total = float(found.tension_n) * rig.tendons.count
     stretch = 1 - sunk / length
     twist, axial = float(twist_rigidity(stretch, p)) / length, float(p.axial_rigidity) * (1 + 2 * stretch**-3) / length
     grip = float(p.mode != CURRENT) * rig.tendons.count * float(p.stiffness)
     bounce_hz = math.sqrt((axial + grip) / float(p.head_mass)) / math.tau
-    storage, loss = np.array([_memory(p, hz), _memory(p, bounce_hz)]).T
-    remembered = np.array([twist, float(axial_stiffness(p))])
+    memory = _memories(("twist", "stretch"), np.array([[twist, float(axial_stiffness(p))]]), (hz, bounce_hz), p)
     plate = np.array([length - sunk, 0.0, 0.0])
     space = rig.space
     lever_mass = float(p.head_mass) / 2 if space is None else space.lever_mass.value
@@ -163,8 +194,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         place=plate,
         turned=np.eye(3),
         strains=("twist", "stretch"),
-        stiffness=np.array([float(found.silicone_spring), axial]) + storage * remembered,
-        damping=loss * remembered,
+        stiffness=np.array([float(springs.silicone), axial]),
         # The torsional joint has no weight; what it weighs here is taken by the spring.
         stress=np.array([0.0, -total * _upward(plate, directions, gap, p) - float(p.head_mass) * STANDARD_GRAVITY]),
         mass=0.0,
@@ -173,6 +203,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     )
     return Bodies(
         links=(link,),
+        memory=memory,
         plate=plate,
         turned=np.eye(3),
         joint=p,
@@ -180,8 +211,8 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         guides=float(p.head_radius) * directions + gap,
         cable_end=np.full(len(directions), float(p.cable_end)),
         tension=np.full(len(directions), total / len(directions)),
-        guide_spring=float(found.guide_spring),
-        guide_damping=float(found.guide_loss) / (math.tau * hz) + float(p.viscous),
+        guide_spring=float(springs.guides),
+        guide_damping=float(springs.guides_loss) / (math.tau * hz) + float(p.viscous),
         head=(float(p.head_mass) - lever_mass, heights[0], np.array([float(p.head), across, across])),
         lever=(lever_mass, heights[1], np.array([float(p.lever), along or float(p.lever) / 2, float(p.lever)])),
         radius=rig.silicone.diameter.value / 2,
@@ -211,17 +242,18 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         raise SpecError(f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}")
     sways = [mode for group in ("in_plane", "across") if (mode := found.of(group)) is not None]
     swing = math.radians(asked.swing_deg)
-    straight = _free(rig, pretension_mm, float(joint.mode), swing)
-    small = _free(rig, pretension_mm, float(joint.mode), _SMALL)
+    straight, swung = _free(rig, pretension_mm, float(joint.mode), swing)
+    small, still = _free(rig, pretension_mm, float(joint.mode), _SMALL)
     torsion_hz = torsion.frequency_hz * float(straight.natural_frequency_hz / small.natural_frequency_hz)
     sway_hz = float(np.mean([mode.frequency_hz for mode in sways])) if sways else torsion_hz
     share = float(tension.sum()) / (rig.tendons.count * float(straight.tension_n))
     feet, guides = guides_of(space)
     places, turns = sections_at(q, space, np.array([1.0]))
-    harder = float(straight.silicone_spring / small.silicone_spring)
-    links = _links(q, space, pieces, torsion_hz, sway_hz, harder)
+    harder = float(swung.silicone / still.silicone)
+    links, memory = _chain(q, space, pieces, torsion_hz, sway_hz, harder)
     bodies = Bodies(
         links=links,
+        memory=memory,
         plate=places[0],
         turned=turns[0],
         joint=joint,
@@ -229,8 +261,8 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         guides=guides,
         cable_end=np.asarray(space.cable_end, dtype=float),
         tension=tension,
-        guide_spring=share * float(straight.guide_spring),
-        guide_damping=share * float(straight.guide_loss) / (math.tau * torsion_hz) + float(joint.viscous),
+        guide_spring=share * float(swung.guides),
+        guide_damping=share * float(swung.guides_loss) / (math.tau * torsion_hz) + float(joint.viscous),
         head=(float(space.head_mass), float(space.head_height), np.asarray(space.head_tensor)),
         lever=(float(space.lever_mass), float(space.lever_height), np.asarray(space.lever_tensor)),
         radius=rig.silicone.diameter.value / 2,
@@ -245,10 +277,10 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
     return bodies._replace(cable_end=bodies.cable_end + longer)
 
 
-def _links(
+def _chain(
     q: Array, space: Space, pieces: int, torsion_hz: float, sway_hz: float, harder: float
-) -> tuple[Link, ...]:
-    """Return the chain of a rod at rest. Each piece has its joint in its middle; a body reaches from one joint to the
+) -> tuple[tuple[Link, ...], tuple[Memory, ...]]:
+    """Return (links, memory) of a rod at rest. Each piece has its joint in its middle; a body reaches from one joint to the
     next, so that the one above the last joint is half a piece long and carries the head.
 
     A hinge in the middle of a piece bends as the piece does under a moment; under a force across it gives way too
@@ -265,18 +297,16 @@ def _links(
     own[:, :3] /= length
     springs = section_springs(own, space.rod)
     piece = length / pieces
-    load = np.array([float(space.head_mass) + float(space.lever_mass)] * 6)
+    load = float(space.head_mass) + float(space.lever_mass)
     stiff_axial = float(np.asarray(springs.stiffness)[:, 3].mean()) / length
-    bounce_hz = math.sqrt((stiff_axial + len(space.cable_end) * float(joint.stiffness)) / load[0]) / math.tau
+    bounce_hz = math.sqrt((stiff_axial + len(space.cable_end) * float(joint.stiffness)) / load) / math.tau
     hz = (torsion_hz, sway_hz, sway_hz, bounce_hz, sway_hz, sway_hz)
-    storage, loss = np.array([_memory(joint, one) for one in hz]).T
-    remembered = np.asarray(springs.remembered)
-    relaxed = np.asarray(springs.stiffness) * np.where(np.arange(len(STRAINS)) == 0, harder, 1.0)
-    stiffness = (relaxed + storage * remembered) / piece
-    damping = loss * remembered / piece
+    remembered = np.asarray(springs.remembered) / piece
+    stiffness = np.asarray(springs.stiffness) / piece
     for shear, bend in ((4, 2), (5, 1)):  # across y goes with the bend about z, across z with that about y
         softer = 1 + stiffness[:, shear] * (piece * stretch) ** 2 / (12 * stiffness[:, bend])
-        stiffness[:, shear], damping[:, shear] = stiffness[:, shear] / softer, damping[:, shear] / softer
+        stiffness[:, shear], remembered[:, shear] = stiffness[:, shear] / softer, remembered[:, shear] / softer
+    stiffness[:, 0] *= harder
     places, turns = sections_at(q, space, middle)
     centres, _ = sections_at(q, space, tops)
     inertia = np.array([float(x) for x in space.rod.line_inertia])
@@ -291,14 +321,13 @@ def _links(
                 Rotation.from_matrix(turns[i]).as_matrix(),
                 STRAINS,
                 stiffness[i],
-                damping[i],
                 np.asarray(springs.stress)[i],
                 mass,
                 centres[i],
                 inertia * line + np.array([0.0, slender, slender]),
             )
         )
-    return tuple(links)
+    return tuple(links), _memories(STRAINS, remembered, hz, joint)
 
 
 def _waypoints(bodies: Bodies) -> list[Array]:
@@ -376,10 +405,8 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
     _sites(base, "base", bodies.feet)
     _remark(
         base,
-        "The silicone. Springs: slopes of its energy per length at rest (neo-Hookean, compressed by the tendons), with "
-        f"the storage of its memory at {bodies.torsion_hz:.4g} Hz (twist)"
-        + (f" and {bodies.sway_hz:.4g} Hz (bend, shear)" if len(bodies.links[0].strains) > 2 else "")
-        + "; dampers: its loss there. springref: its stress at rest.",
+        "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that of "
+        "twist in the swing that the guides have. springref: its stress at rest.",
     )
     parent, place, turned = base, np.zeros(3), np.eye(3)
     passed = _waypoints(bodies)
@@ -400,7 +427,6 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
                 type=kind,
                 axis=axis,
                 stiffness=_text(link.stiffness[k]),
-                damping=_text(link.damping[k]),
                 springref=_text(-link.stress[k] / link.stiffness[k]),
             )
         above = bodies.links[i + 1].place if i + 1 < len(bodies.links) else bodies.plate
@@ -418,6 +444,18 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
             _sites(body, f"core{i}_", (passed[i] - link.place) @ link.turned)
         parent, place, turned = body, link.place, link.turned
     _head(parent, place, turned, bodies)
+    sway = "" if math.isnan(bodies.sway_hz) else f", of bend and shear at {bodies.sway_hz:.4g} Hz"
+    _remark(
+        world,
+        "The silicone's memory: Maxwell elements, storage and loss of the twin's four branches for twist at "
+        f"{bodies.torsion_hz:.4g} Hz{sway}. Each is a mass so small that it only moves with its damper.",
+    )
+    for one in bodies.memory:
+        hidden = _add(world, "body", name=f"memory_{one.strain}_{one.order}")
+        damper = one.stiffness * one.time
+        _add(hidden, "joint", name=hidden.attrib["name"], type="slide", axis="1 0 0", damping=_text(damper))
+        light = _text(_LIGHT * damper * one.time)
+        _add(hidden, "inertial", pos="0 0 0", mass=light, diaginertia=f"{light} {light} {light}")
 
     tendons = _add(root, "tendon")
     _remark(tendons, "Cables between their guides; what pulls them are the actuators, one for each.")
@@ -440,6 +478,12 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
     )
     for i in range(len(bodies.links)):
         _add(guides, "joint", joint=f"twist{i}", coef="1")
+    for one in bodies.memory:
+        name = f"memory_{one.strain}_{one.order}"
+        spring = _add(tendons, "fixed", name=name, stiffness=_text(one.stiffness), springlength="0")
+        for i, weight in enumerate(one.weights):
+            _add(spring, "joint", joint=f"{one.strain}{i}", coef=_text(weight))
+        _add(spring, "joint", joint=name, coef="-1")
     _actuators(root, bodies)
     sensors = _add(root, "sensor")
     _add(sensors, "tendonpos", name="torsion", tendon="guides")
@@ -535,8 +579,7 @@ def _lacks(bodies: Bodies) -> list[str]:
         "What it lacks beside Sinew's twin:",
         f"- hysteresis of the guides: in its place spring and damper of a swing of {degrees:.3g} deg; smaller swings of the",
         "  twin are stiffer and less damped, larger ones softer",
-        "- the silicone's memory: stiffness and loss are right at the frequencies named below; a pose that is held",
-        "  relaxes, which this does not",
+        "- the silicone's slower and faster memory: storage and loss are right at the frequencies named below",
         "- the silicone's springs are linear about this rest: further from it they do not harden or soften",
         "- delays, noise and filters of sensors",
     ]

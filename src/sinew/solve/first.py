@@ -86,8 +86,7 @@ class FreeSwing(NamedTuple):
 
     tension_n: of one tendon at rest; tendon_moment_n_m: times the head's radius. natural_frequency_hz: undamped.
     damping_ratio: of the energy lost in a cycle. cubic_n_m_rad3: of the static restoring torque. The shares are of the
-    energy lost. Of the fundamental's stiffness [N m/rad]: silicone_spring, its relaxed part, guide_spring and guide_loss,
-    under the tension as it rises in the swing.
+    energy lost.
     """
 
     tension_n: Any
@@ -98,9 +97,15 @@ class FreeSwing(NamedTuple):
     silicone_share: Any
     guide_friction_share: Any
     viscous_share: Any
-    silicone_spring: Any
-    guide_spring: Any
-    guide_loss: Any
+
+
+class SwingSprings(NamedTuple):
+    """Parts of the fundamental's stiffness in a swing [N m/rad]: silicone, its relaxed part, sinking as it twists; guides
+    and guides_loss, real and imaginary part, under the tension as it rises in the swing."""
+
+    silicone: Any
+    guides: Any
+    guides_loss: Any
 
 
 def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
@@ -118,7 +123,7 @@ def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
 
 def _free_swing(
     p: Parameters, contact: jax.Array, pretension: jax.Array, mode: jax.Array, amplitude: jax.Array
-) -> FreeSwing:
+) -> tuple[FreeSwing, SwingSprings]:
     p, rest = set_pretension(p, pretension, contact, mode, jnp.asarray(LIMIT_RESERVE_N))
     zero = jnp.zeros(())
     tension = tendon_tension(tendon_stretch(zero, rest, p)[0], p)
@@ -146,7 +151,7 @@ def _free_swing(
     lost_viscous = jnp.pi * p.viscous * omega * amplitude**2
     lost = lost_silicone + lost_guides + lost_viscous
     whole = jnp.maximum(lost, 1e-300)
-    return FreeSwing(
+    found = FreeSwing(
         tension,
         tension * p.head_radius,
         omega / (2 * jnp.pi),
@@ -155,10 +160,9 @@ def _free_swing(
         lost_silicone / whole,
         lost_guides / whole,
         lost_viscous / whole,
-        2 * jnp.mean(silicone * cosine) / amplitude,
-        guide_spring,
-        lost_guides / (jnp.pi * amplitude**2),
     )
+    spring = 2 * jnp.mean(silicone * cosine) / amplitude
+    return found, SwingSprings(spring, guide_spring, lost_guides / (jnp.pi * amplitude**2))
 
 
 @cache
@@ -171,6 +175,13 @@ def free_swing(p: Parameters, contact: Any, pretension_mm: float, mode: float, a
 
     contact: tension of one tendon at first contact [N].
     """
+    return swing_springs(p, contact, pretension_mm, mode, amplitude_rad)[0]
+
+
+def swing_springs(
+    p: Parameters, contact: Any, pretension_mm: float, mode: float, amplitude_rad: float
+) -> tuple[FreeSwing, SwingSprings]:
+    """Return the same with the springs that it is made of; arguments as `free_swing`."""
     given = (np.float64(pretension_mm * 1e-3), np.float64(mode), np.float64(amplitude_rad))
-    found: FreeSwing = _compiled()(p, contact, *given)
+    found: tuple[FreeSwing, SwingSprings] = _compiled()(p, contact, *given)
     return found
