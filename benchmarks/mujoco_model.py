@@ -7,18 +7,17 @@ and the head goes where it rests. The twin does the same with its own equations.
 
 import importlib.util
 import math
-import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from scipy.optimize import curve_fit
-from scipy.spatial.transform import Rotation
 
 from sinew.measure.arrays import Array
 from sinew.mechanics.space import twist_and_tilt
 from sinew.plan.plan import Group
+from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.multibody import PIECES, Bodies, joint_bodies, write_mjcf
@@ -29,7 +28,7 @@ SAMPLE_HZ = 200.0
 COMMAND_DEG = 20.0
 SETTLE_S, KEPT_S = 5.0, 2.0
 GRID_HZ = 0.08
-REST_S = 6.0
+REST_S, SETTLING_S = 1.5, 0.03
 
 
 def loaded(bodies: Bodies) -> tuple[Any, Any]:
@@ -118,7 +117,10 @@ def decay(torsion: Array, around: float) -> Decay:
 
     A damped sine by least squares; what it leaves, taken as noise of one sample in five, gives the deviations.
     """
-    tops = np.flatnonzero((np.abs(torsion[1:-1]) >= np.abs(torsion[:-2])) & (np.abs(torsion[1:-1]) > np.abs(torsion[2:]))) + 1
+    tops = (
+        np.flatnonzero((np.abs(torsion[1:-1]) >= np.abs(torsion[:-2])) & (np.abs(torsion[1:-1]) > np.abs(torsion[2:])))
+        + 1
+    )
     inside = tops[(np.abs(torsion[tops]) < 2 * around) & (np.abs(torsion[tops]) > around / 2)]
     kept = torsion[inside[0] : inside[-1] + 1]
     time_s = np.arange(kept.size) / SAMPLE_HZ
@@ -135,9 +137,8 @@ def decay(torsion: Array, around: float) -> Decay:
 
 
 class Beside(NamedTuple):
-    """What the twin says and what MuJoCo does with the exported model."""
+    """Resonance and decay: (of the twin, of MuJoCo with the exported model)."""
 
-    pretension_mm: float
     resonance: tuple[Peak, Peak]
     decay: tuple[Decay, Decay]
 
@@ -146,12 +147,17 @@ class Beside(NamedTuple):
         """Return how far MuJoCo's resonance is from the twin's, as a share."""
         return self.resonance[1].frequency_hz / self.resonance[0].frequency_hz - 1
 
+    @property
+    def damping_off(self) -> float:
+        """Return the same of the decay's damping."""
+        return self.decay[1].damping / self.decay[0].damping - 1
+
 
 def resonance_beside(rig: RigSpec, pretension_mm: float, *, sway: bool = True, pieces: int = PIECES) -> Beside:
     """Return resonance and decay of the twin and of MuJoCo. The exported guides are those of the twin's swing at its
     resonance, and for the decay of a quarter of it."""
     first = joint_bodies(rig, pretension_mm, sway=False)
-    grid = first.torsion_hz + GRID_HZ * np.arange(-6, 4)
+    grid = first.torsion_hz + GRID_HZ * np.arange(-5, 4)
     ours = peak(grid, np.array([amplitude(one) for one in twins(rig, pretension_mm, list(grid))]))
     made = [
         joint_bodies(rig, pretension_mm, swing_deg=math.degrees(share * ours.amplitude), sway=sway, pieces=pieces)
@@ -159,6 +165,103 @@ def resonance_beside(rig: RigSpec, pretension_mm: float, *, sway: bool = True, p
     ]
     theirs = peak(grid, np.array([amplitude(swung(made[0], f, SETTLE_S + KEPT_S)) for f in grid]))
     hz, stop = ours.frequency_hz, stop_time(ours.frequency_hz)
-    records = twins(rig, pretension_mm, [hz], True)[0], swung(made[1], hz, stop + KEPT_S, stop)
+    records = twins(rig, pretension_mm, [hz], ring_down=True)[0], swung(made[1], hz, stop + KEPT_S, stop)
     decays = [decay(one[math.ceil(stop * SAMPLE_HZ) :], 0.25 * ours.amplitude) for one in records]
-    return Beside(pretension_mm, (ours, theirs), (decays[0], decays[1]))
+    return Beside((ours, theirs), (decays[0], decays[1]))
+
+
+class Rested(NamedTuple):
+    """Where a head rests: bend and its azimuth [deg], place of the plate in B (3,) [mm], tensions (tendon,) [N]."""
+
+    bend_deg: float
+    azimuth_deg: float
+    place_mm: Array
+    tension_n: Array
+
+
+def rest_beside(rig: RigSpec, pretension_mm: float, pose: Pose, *, pieces: int = PIECES) -> tuple[Rested, Rested]:
+    """Return where the head rests in the twin and in MuJoCo, the model being that of the upright joint and its motors
+    told to take up what the twin's do for the pose."""
+    upright, posed = (find_pose(rig, Asked(pretension_mm, one), outlook=False) for one in (STRAIGHT, pose))
+    assert upright.rest is not None
+    assert posed.rest is not None
+    assert posed.shape is not None
+    model, data = loaded(joint_bodies(rig, pretension_mm, pieces=pieces))
+    data.ctrl[: rig.tendons.count] = posed.rest.take_up - upright.rest.take_up
+    _settle(model, data)
+    base = data.body("base").xmat.reshape(3, 3)
+    turned = base.T @ data.body("head").xmat.reshape(3, 3)
+    tilt = np.asarray(twist_and_tilt(jnp.asarray(turned))[1])
+    place = 1e3 * base.T @ data.body("head").xpos
+    theirs = Rested(*_bend_of(tilt), place, -data.actuator_force[: rig.tendons.count])
+    at = posed.rest.at
+    return Rested(*_bend_of(np.asarray(at.tilt)), 1e3 * posed.shape.line[-1], np.asarray(at.tension)), theirs
+
+
+def _bend_of(tilt: Array) -> tuple[float, float]:
+    bend, azimuth = bend_of_swing(float(tilt[0]), float(tilt[1]))
+    return math.degrees(bend), math.degrees(azimuth)
+
+
+def _settle(model: Any, data: Any) -> None:
+    """Step until the joint rests: without its memory, which only takes time, and with dampers on its springs."""
+    import mujoco
+
+    for i in range(model.ntendon):
+        if model.tendon(i).name.startswith("memory"):
+            model.tendon_stiffness[i] = 0.0
+    model.dof_damping[model.jnt_dofadr] += SETTLING_S * model.jnt_stiffness
+    for _ in range(round(REST_S / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+
+
+def changed(rig: RigSpec, **values: float) -> RigSpec:
+    """Return a rig with other values, `part__name`, in SI."""
+    for name, value in values.items():
+        part, field = name.split("__")
+        table = getattr(rig, part)
+        one = getattr(table, field).model_copy(update={"value": value})
+        rig = rig.model_copy(update={part: table.model_copy(update={field: one})})
+    return rig
+
+
+POSES = {
+    0.0: (Pose(bend_deg=4.0, azimuth_deg=0.0),),
+    6.0: (Pose(bend_deg=10.0, azimuth_deg=0.0), Pose(bend_deg=20.0, azimuth_deg=90.0)),
+}
+POSES[12.0] = (Pose(bend_deg=10.0, azimuth_deg=45.0), Pose(bend_deg=30.0, azimuth_deg=0.0))
+
+
+def main(arguments: Sequence[str] = ()) -> None:
+    """Print resonance, damping and rest poses of the exported joint in MuJoCo beside the twin's."""
+    if importlib.util.find_spec("mujoco") is None:
+        print("MuJoCo is not installed: skipped")
+        return
+    paper = load_rig("paper")
+    rigs = {"paper": paper, "softer, heavier": changed(paper, silicone__torsional_rigidity=0.22, inertia__lever=0.0105)}
+    print(
+        f"the exported joint in MuJoCo beside the twin, {PIECES} pieces; drive {COMMAND_DEG:g} deg; wanted: f_r within 2 %"
+    )
+    print(
+        "  rig               p/mm   f_r/Hz twin     MuJoCo           off   torsion/deg    D of the decay          off"
+    )
+    for name, rig in rigs.items():
+        for p in (0.0, 6.0, 12.0):
+            found = resonance_beside(rig, p)
+            (a, b), (c, d) = found.resonance, found.decay
+            print(
+                f"  {name:16} {p:5.0f}   {a.frequency_hz:.3f}±{a.std_hz:.3f}  {b.frequency_hz:.3f}±{b.std_hz:.3f}"
+                f"  {100 * found.off:+5.2f} %  {math.degrees(a.amplitude):4.1f} {math.degrees(b.amplitude):4.1f}"
+                f"   {c.damping:.4f}±{c.damping_std:.4f} {d.damping:.4f}±{d.damping_std:.4f}  {100 * found.damping_off:+5.1f} %"
+            )
+    print("where the head rests, motors taking up what the twin's do: bend/deg, place/mm, tensions/N")
+    for name in ("paper", "curved"):
+        for p, poses in POSES.items():
+            for pose in (STRAIGHT, *poses):
+                ours, theirs = rest_beside(load_rig(name), p, pose)
+                apart = np.linalg.norm(ours.place_mm - theirs.place_mm)
+                tension = np.max(np.abs(ours.tension_n - theirs.tension_n)) / np.sum(ours.tension_n)
+                print(
+                    f"  {name:8} {p:3.0f}  {ours.bend_deg:6.2f} at {ours.azimuth_deg:4.0f}: {theirs.bend_deg:6.2f} at "
+                    f"{theirs.azimuth_deg:4.0f}, {apart:.2f} mm apart, tensions within {100 * tension:.1f} % of their sum"
+                )

@@ -56,6 +56,7 @@ from sinew.plan.toml import load_plan as load_plan
 from sinew.plan.toml import load_rig as load_rig
 from sinew.predict.joints.design import Design as Design
 from sinew.predict.joints.design import design_rig as design_rig
+from sinew.predict.multibody import export_model as export_model
 from sinew.predict.predicted import Predicted as Predicted
 from sinew.predict.predicted import predict as predict
 from sinew.tune.design import Designed as Designed

@@ -15,7 +15,7 @@ import typer
 from sinew import __version__
 from sinew.apps.bench import doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, pose, predict, transfer
+from sinew.apps.joints import calibrate, design, model, pose, predict, transfer
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, runs, simulate
 from sinew.measure.errors import SinewError
 
@@ -48,6 +48,10 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
         "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
     ),
     transfer.transfer: ("sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat",),
+    model.model: (
+        "sinew model paper --pretension-mm 6 --out joint.xml",
+        "sinew model paper --pretension-mm 6 --out joint.urdf --json",
+    ),
     pose.modes: ("sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html",),
     design.joint: ("sinew joint --section circle --outer-mm 60 --out sixty.toml",),
     predict.compare: ("sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared",),

@@ -15,7 +15,7 @@ in the file: the guides' friction, and how the silicone hardens, in a swing of o
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 import jax
@@ -45,14 +45,14 @@ PIECES = 6
 """Joints of the silicone's chain; see docs/how-to/simulators.md for what fewer and more of them are worth."""
 
 _MOST_PIECES = 40
+_NO_MASS = 1e-6  # [kg], [kg m²]: of links between two hinges, which simulators want to weigh something
 _LIGHT = 1e-3  # a memory's mass over what its damper holds in the time it takes to forget
+_NOTHING = 1e-14  # what rounding leaves, in SI
 _SMALL = 1e-3  # a swing in which guides hold [rad]
 _MOST_N = 1e4  # a motor that holds a position is not limited; MuJoCo's range wants a number
+_UP = np.array([1.0, 0.0, 0.0])
 _STEPS_S = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
 _MOST_PHASE = 0.6  # of the fastest vibration in one time step [rad]
-_FRAMES = "slide", "hinge"
-_HEADING = {"mjcf": "MJCF, for MuJoCo", "urdf": "URDF"}
-
 Format = Literal["mjcf", "urdf"]
 ENDINGS: dict[str, Format] = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}
 
@@ -86,13 +86,25 @@ class Memory(NamedTuple):
     time: float
 
 
+class Pivot(NamedTuple):
+    """A swing of the head as a hinge: name; axis in B (3,); reach: from the hinge up to the plate [m]; frequency [Hz] and
+    damping ratio of the mode that it stands for."""
+
+    name: str
+    axis: Array
+    reach: float
+    frequency_hz: float
+    damping: float
+
+
 class Bodies(NamedTuple):
     """A joint as bodies on springs, in SI and frame B: what every format is written from.
 
     links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint: numbers of tendons and
     drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at rest (tendon,).
     guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever: (mass, height above
-    the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is taken; swing: [rad].
+    the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is taken; swing: [rad]. pivots: its modes as
+    hinges, slower sway, faster sway and torsion; in a bent pose none.
     """
 
     links: tuple[Link, ...]
@@ -113,7 +125,7 @@ class Bodies(NamedTuple):
     torsion_hz: float
     sway_hz: float
     swing: float
-    modes: tuple[FoundMode, ...]
+    pivots: tuple[Pivot, ...]
 
 
 def joint_bodies(
@@ -220,7 +232,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         torsion_hz=hz,
         sway_hz=math.nan,
         swing=swing,
-        modes=(),
+        pivots=(Pivot("torsion", _UP, 0.0, hz, float(found.damping_ratio)),),
     )
 
 
@@ -239,7 +251,9 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
     q, joint, tension = found.coordinates, space.rod.joint, np.asarray(found.tension_n)
     torsion = found.of("torsion")
     if torsion is None:
-        raise SpecError(f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}")
+        raise SpecError(
+            f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}"
+        )
     sways = [mode for group in ("in_plane", "across") if (mode := found.of(group)) is not None]
     swing = math.radians(asked.swing_deg)
     straight, swung = _free(rig, pretension_mm, float(joint.mode), swing)
@@ -270,11 +284,29 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         torsion_hz=torsion_hz,
         sway_hz=sway_hz,
         swing=swing,
-        modes=found.modes,
+        pivots=() if bend_deg else _pivots(sways, torsion, q, space, straight),
     )
     # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
     longer = _tendon_lengths(bodies) - np.asarray(linear.around.spans)
     return bodies._replace(cable_end=bodies.cable_end + longer)
+
+
+def _pivots(
+    sways: Sequence[FoundMode], torsion: FoundMode, q: Array, space: Space, swung: FreeSwing
+) -> tuple[Pivot, ...]:
+    """Return the modes of a straight joint as hinges: a sway turns the head about an axis across, as far below the plate
+    as the plate moves aside over how far it tilts."""
+    found = []
+    for mode in sways:
+        step = _SMALL * mode.shape.reshape(q.shape)
+        (one,), (other,) = (sections_at(q + sign * step, space, np.array([1.0]))[0] for sign in (1, -1))
+        aside = (one - other) / (2 * _SMALL)
+        axis = np.cross(_UP, aside) / np.linalg.norm(aside)
+        reach = float(np.linalg.norm(aside)) / math.hypot(mode.tilt_in_plane, mode.tilt_across)
+        name = "sway_in_plane" if mode.group == "in_plane" else "sway_across"
+        found.append(Pivot(name, axis, reach, mode.frequency_hz, mode.damping))
+    ratio = float(swung.natural_frequency_hz) / torsion.frequency_hz
+    return (*found, Pivot("torsion", _UP, 0.0, ratio * torsion.frequency_hz, float(swung.damping_ratio)))
 
 
 def _chain(
@@ -348,7 +380,7 @@ def _tendon_lengths(bodies: Bodies) -> Array:
 
 
 def _text(*values: float) -> str:
-    return " ".join(f"{float(value):.9g}" for value in values)
+    return " ".join(f"{float(value) if abs(value) > _NOTHING else 0.0:.9g}" for value in values)
 
 
 def _quaternion(matrix: Array) -> str:
@@ -361,7 +393,8 @@ def _add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
 
 
 def _remark(parent: ET.Element, sentence: str) -> None:
-    parent.append(ET.Comment(f" {sentence} "))
+    # XML allows no two hyphens in a row within a comment, which the name of a rig may have.
+    parent.append(ET.Comment(f" {sentence.replace('--', '- -').replace('--', '- -')} "))
 
 
 def _joint_kind(strain: str) -> tuple[str, str, str]:
@@ -401,7 +434,9 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
     _add(world, "light", pos="0.3 -0.3 0.8", dir="-0.3 0.3 -0.8")
     _remark(world, "Frame B of the rig: x along the unloaded silicone, here upwards; y where the lever's arms rest.")
     base = _add(world, "body", name="base", xyaxes="0 0 1 1 0 0")
-    _add(base, "geom", type="cylinder", fromto="-0.008 0 0 0 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1")
+    _add(
+        base, "geom", type="cylinder", fromto="-0.008 0 0 0 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1"
+    )
     _sites(base, "base", bodies.feet)
     _remark(
         base,
@@ -572,6 +607,97 @@ def _actuators(root: ET.Element, bodies: Bodies) -> None:
     )
 
 
+def hinge_springs(bodies: Bodies) -> dict[str, tuple[float, float]]:
+    """Return (stiffness [N m/rad], damping [N m s/rad]) by hinge that give a rigid head and lever on the pivots, under
+    gravity, frequency and damping of their modes."""
+    found = {}
+    for pivot in bodies.pivots:
+        sways = pivot.reach > 0
+        inertia = turned = 0.0
+        for mass, height, tensor in (bodies.head, bodies.lever):
+            about = tensor @ pivot.axis**2
+            inertia += float(about) + (mass * (pivot.reach + height) ** 2 if sways else 0.0)
+            turned += mass * STANDARD_GRAVITY * (pivot.reach + height) if sways else 0.0
+        omega = math.tau * pivot.frequency_hz
+        found[pivot.name] = omega**2 * inertia + turned, 2 * pivot.damping * omega * inertia
+    return found
+
+
+def write_urdf(bodies: Bodies, heading: Sequence[str]) -> str:
+    """Return the URDF of a straight joint: head and lever on hinges that stand for its sways and its torsion.
+
+    Raises SpecError for a bent joint, whose modes are no hinges.
+    """
+    if not bodies.pivots:
+        raise SpecError(
+            "found a bent joint, expected a straight one: URDF has hinges alone; write MJCF, or leave the bend out"
+        )
+    springs = hinge_springs(bodies)
+    root = ET.Element("robot", name="sinew")
+    told = [
+        f"- {p.name}: {springs[p.name][0]:.6g} N m/rad for {p.frequency_hz:.4g} Hz, {springs[p.name][1]:.4g} N m s/rad for "
+        f"D = {p.damping:.3g}"
+        for p in bodies.pivots
+    ]
+    lacks = [
+        "URDF knows neither tendons nor springs: give these to your simulator's joints, with gravity on:",
+        *told,
+        "Hinges stand for the modes of small motion about this rest, the torsion for a swing of "
+        f"{math.degrees(bodies.swing):.3g} deg. The silicone's",
+        "own mass is in the stiffnesses alone. Not in it: hardening, slack tendons, memory, hysteresis, bent poses.",
+    ]
+    _remark(root, "\n  ".join(["", *heading, *lacks]) + "\n")
+    _add(root, "link", name="world")
+    _add(root, "link", name="base")
+    _urdf_joint(
+        root, "upright", "fixed", ("world", "base"), np.zeros(3), rpy=f"{-math.pi / 2:.15g} {-math.pi / 2:.15g} 0"
+    )
+    parent, height = "base", 0.0
+    for i, pivot in enumerate(bodies.pivots):
+        last = i == len(bodies.pivots) - 1
+        link, at = ("head" if last else f"{pivot.name}_link"), float(bodies.plate[0]) - pivot.reach
+        _urdf_link(root, link, bodies.head if last else (_NO_MASS, 0.0, np.full(3, _NO_MASS)))
+        joint = _urdf_joint(root, pivot.name, "revolute", (parent, link), (at - height) * _UP, axis=pivot.axis)
+        _add(joint, "limit", lower="-1.6", upper="1.6", effort="100", velocity="100")
+        _add(joint, "dynamics", damping=_text(springs[pivot.name][1]), friction="0")
+        parent, height = link, at
+    mass, above, tensor = bodies.lever
+    _urdf_link(root, "lever", (mass, 0.0, tensor))
+    joint = _urdf_joint(root, "lever", "revolute", ("head", "lever"), above * _UP, axis=_UP)
+    most = float(bodies.joint.duty_torque * bodies.joint.duty_limit)
+    _add(joint, "limit", lower="-1.6", upper="1.6", effort=_text(most), velocity="100")
+    slope, friction = bodies.joint.speed_slope, bodies.joint.drive_friction
+    _add(joint, "dynamics", damping=_text(slope), friction=_text(friction))
+    return _document(root)
+
+
+def _urdf_link(root: ET.Element, name: str, body: tuple[float, float, Array]) -> None:
+    mass, height, (x, y, z) = body
+    inertial = _add(_add(root, "link", name=name), "inertial")
+    _add(inertial, "origin", xyz=_text(height, 0, 0), rpy="0 0 0")
+    _add(inertial, "mass", value=_text(mass))
+    _add(inertial, "inertia", ixx=_text(x), iyy=_text(y), izz=_text(z), ixy="0", ixz="0", iyz="0")
+
+
+def _urdf_joint(
+    root: ET.Element,
+    name: str,
+    kind: str,
+    links: tuple[str, str],
+    place: Array,
+    *,
+    axis: Array | None = None,
+    rpy: str = "0 0 0",
+) -> ET.Element:
+    joint = _add(root, "joint", name=name, type=kind)
+    _add(joint, "parent", link=links[0])
+    _add(joint, "child", link=links[1])
+    _add(joint, "origin", xyz=_text(*place), rpy=rpy)
+    if axis is not None:
+        _add(joint, "axis", xyz=_text(*axis))
+    return joint
+
+
 def _lacks(bodies: Bodies) -> list[str]:
     """Return sentences on what the model does not have."""
     degrees = math.degrees(bodies.swing)
@@ -588,6 +714,19 @@ def _lacks(bodies: Bodies) -> list[str]:
 def _document(root: ET.Element) -> str:
     ET.indent(root, "  ")
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def model_document(bodies: Bodies) -> dict[str, Any]:
+    """Return what a model was made of, as JSON holds it."""
+    return {
+        "pieces": len(bodies.links),
+        "time_step_s": time_step(bodies),
+        "head_mm": [1e3 * float(x) for x in bodies.plate],
+        "tension_n": [float(x) for x in bodies.tension],
+        "cable_end_mm": [1e3 * float(x) for x in bodies.cable_end],
+        "frequency_hz": {pivot.name: float(pivot.frequency_hz) for pivot in bodies.pivots},
+        "damping_ratio": {pivot.name: float(pivot.damping) for pivot in bodies.pivots},
+    }
 
 
 def export_model(
@@ -633,6 +772,6 @@ def export_model(
     heading = [
         f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}. SI units.",
     ]
-    text = write_mjcf(bodies, heading)
+    text = {"mjcf": write_mjcf, "urdf": write_urdf}[ENDINGS[file.suffix]](bodies, heading)
     write_atomically(file, lambda temporary: temporary.write_text(text, encoding="utf-8"))
     return bodies
