@@ -239,9 +239,7 @@ def main(arguments: Sequence[str] = ()) -> None:
         return
     paper = load_rig("paper")
     rigs = {"paper": paper, "softer, heavier": changed(paper, silicone__torsional_rigidity=0.22, inertia__lever=0.0105)}
-    print(
-        f"the exported joint in MuJoCo beside the twin, {PIECES} pieces; drive {COMMAND_DEG:g} deg; wanted: f_r within 2 %"
-    )
+    print(f"the exported joint in MuJoCo beside the twin, {PIECES} pieces, {COMMAND_DEG:g} deg; wanted: f_r within 2 %")
     print(
         "  rig               p/mm   f_r/Hz twin     MuJoCo           off   torsion/deg    D of the decay          off"
     )
@@ -252,7 +250,8 @@ def main(arguments: Sequence[str] = ()) -> None:
             print(
                 f"  {name:16} {p:5.0f}   {a.frequency_hz:.3f}±{a.std_hz:.3f}  {b.frequency_hz:.3f}±{b.std_hz:.3f}"
                 f"  {100 * found.off:+5.2f} %  {math.degrees(a.amplitude):4.1f} {math.degrees(b.amplitude):4.1f}"
-                f"   {c.damping:.4f}±{c.damping_std:.4f} {d.damping:.4f}±{d.damping_std:.4f}  {100 * found.damping_off:+5.1f} %"
+                f"   {c.damping:.4f}±{c.damping_std:.4f} {d.damping:.4f}±{d.damping_std:.4f}"
+                f"  {100 * found.damping_off:+5.1f} %"
             )
     print("where the head rests, motors taking up what the twin's do: bend/deg, place/mm, tensions/N")
     for name in ("paper", "curved"):
@@ -263,5 +262,5 @@ def main(arguments: Sequence[str] = ()) -> None:
                 tension = np.max(np.abs(ours.tension_n - theirs.tension_n)) / np.sum(ours.tension_n)
                 print(
                     f"  {name:8} {p:3.0f}  {ours.bend_deg:6.2f} at {ours.azimuth_deg:4.0f}: {theirs.bend_deg:6.2f} at "
-                    f"{theirs.azimuth_deg:4.0f}, {apart:.2f} mm apart, tensions within {100 * tension:.1f} % of their sum"
+                    f"{theirs.azimuth_deg:4.0f}, {apart:.2f} mm apart, tensions within {100 * tension:.1f} % of the sum"
                 )

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps.bench import doctor, emulate, run, serve, track
+from sinew.apps.bench import doctor, emulate, run, serve, stream, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, model, pose, predict, transfer
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, runs, simulate
@@ -72,6 +72,7 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     run.run: ("sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench",),
     track.track: ("sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone",),
     serve.serve: ("sinew serve --emulate --runs runs",),
+    stream.stream: ("sinew stream runs/monday --ws-port 8765",),
     run.stop: ("sinew stop --port /dev/ttyUSB0 --state release",),
     reproduce.report: ("sinew report out/paper",),
     reproduce.reproduce: ("sinew reproduce --out out/paper --seed 1",),

@@ -87,7 +87,7 @@ class Memory(NamedTuple):
 
 
 class Pivot(NamedTuple):
-    """A swing of the head as a hinge: name; axis in B (3,); reach: from the hinge up to the plate [m]; frequency [Hz] and
+    """A swing of the head as a hinge. axis: in B (3,); reach: from the hinge up to the plate [m]; frequency [Hz] and
     damping ratio of the mode that it stands for."""
 
     name: str
@@ -100,11 +100,11 @@ class Pivot(NamedTuple):
 class Bodies(NamedTuple):
     """A joint as bodies on springs, in SI and frame B: what every format is written from.
 
-    links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint: numbers of tendons and
-    drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at rest (tendon,).
-    guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever: (mass, height above
-    the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is taken; swing: [rad]. pivots: its modes as
-    hinges, slower sway, faster sway and torsion; in a bent pose none.
+    links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint:
+    numbers of tendons and drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at
+    rest (tendon,). guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever:
+    (mass, height above the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is
+    taken; swing: [rad]. pivots: its modes as hinges, slower sway, faster sway and torsion; none in a bent pose.
     """
 
     links: tuple[Link, ...]
@@ -153,8 +153,8 @@ def joint_bodies(
 
 
 def _element(joint: Parameters, hz: float) -> tuple[float, float]:
-    """Return (stiffness over the relaxed one, time [s]) of the Maxwell element that stores and loses at a frequency [Hz]
-    what the silicone's branches do: of g (ωτ)²/(1 + (ωτ)²) and g ωτ/(1 + (ωτ)²)."""
+    """Return (stiffness over the relaxed one, time [s]) of a Maxwell element with the branches' storage and loss at a
+    frequency [Hz]: g (ωτ)²/(1 + (ωτ)²) and g ωτ/(1 + (ωτ)²)."""
     omega = math.tau * hz
     shares = np.array([float(g) for g in joint.prony_shares])
     storage, loss = (float(part.sum()) for part in branch_stiffness(shares, omega * relaxation_times()))
@@ -294,8 +294,10 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
 def _pivots(
     sways: Sequence[FoundMode], torsion: FoundMode, q: Array, space: Space, swung: FreeSwing
 ) -> tuple[Pivot, ...]:
-    """Return the modes of a straight joint as hinges: a sway turns the head about an axis across, as far below the plate
-    as the plate moves aside over how far it tilts."""
+    """Return the modes of a straight joint as hinges.
+
+    A sway turns the head about an axis across, as far below the plate as the plate moves aside over how far it tilts.
+    """
     found = []
     for mode in sways:
         step = _SMALL * mode.shape.reshape(q.shape)
@@ -312,12 +314,14 @@ def _pivots(
 def _chain(
     q: Array, space: Space, pieces: int, torsion_hz: float, sway_hz: float, harder: float
 ) -> tuple[tuple[Link, ...], tuple[Memory, ...]]:
-    """Return (links, memory) of a rod at rest. Each piece has its joint in its middle; a body reaches from one joint to the
-    next, so that the one above the last joint is half a piece long and carries the head.
+    """Return (links, memory) of a rod at rest.
+
+    Each piece has its joint in its middle; a body reaches from one joint to the next, so that the one above the last
+    joint is half a piece long and carries the head.
 
     A hinge in the middle of a piece bends as the piece does under a moment; under a force across it gives way too
-    little, by length³/(12 B), which its slide across has besides the shear. harder: the relaxed twist spring in the swing
-    over that at rest.
+    little, by length³/(12 B), which its slide across has besides the shear. harder: the relaxed twist spring in the
+    swing over that at rest.
     """
     joint, length = space.rod.joint, float(space.rod.joint.length)
     middle = (np.arange(pieces) + 0.5) / pieces
@@ -440,8 +444,8 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
     _sites(base, "base", bodies.feet)
     _remark(
         base,
-        "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that of "
-        "twist in the swing that the guides have. springref: its stress at rest.",
+        "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that "
+        "of twist in the swing that the guides have. springref: its stress at rest.",
     )
     parent, place, turned = base, np.zeros(3), np.eye(3)
     passed = _waypoints(bodies)
@@ -630,13 +634,13 @@ def write_urdf(bodies: Bodies, heading: Sequence[str]) -> str:
     """
     if not bodies.pivots:
         raise SpecError(
-            "found a bent joint, expected a straight one: URDF has hinges alone; write MJCF, or leave the bend out"
+            "found a bent joint, expected a straight one: URDF has hinges alone; write MJCF, or leave out the bend"
         )
     springs = hinge_springs(bodies)
     root = ET.Element("robot", name="sinew")
     told = [
-        f"- {p.name}: {springs[p.name][0]:.6g} N m/rad for {p.frequency_hz:.4g} Hz, {springs[p.name][1]:.4g} N m s/rad for "
-        f"D = {p.damping:.3g}"
+        f"- {p.name}: {springs[p.name][0]:.6g} N m/rad for {p.frequency_hz:.4g} Hz, {springs[p.name][1]:.4g} N m s/rad "
+        f"for D = {p.damping:.3g}"
         for p in bodies.pivots
     ]
     lacks = [
@@ -703,8 +707,8 @@ def _lacks(bodies: Bodies) -> list[str]:
     degrees = math.degrees(bodies.swing)
     return [
         "What it lacks beside Sinew's twin:",
-        f"- hysteresis of the guides: in its place spring and damper of a swing of {degrees:.3g} deg; smaller swings of the",
-        "  twin are stiffer and less damped, larger ones softer",
+        f"- hysteresis of the guides: in its place spring and damper of a swing of {degrees:.3g} deg; smaller swings",
+        "  of the twin are stiffer and less damped, larger ones softer",
         "- the silicone's slower and faster memory: storage and loss are right at the frequencies named below",
         "- the silicone's springs are linear about this rest: further from it they do not harden or soften",
         "- delays, noise and filters of sensors",
@@ -770,7 +774,7 @@ def export_model(
     )
     pose = f", bent by {bend_deg:g} deg towards {azimuth_deg:g} deg" if bend_deg else ""
     heading = [
-        f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}. SI units.",
+        f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",
     ]
     text = {"mjcf": write_mjcf, "urdf": write_urdf}[ENDINGS[file.suffix]](bodies, heading)
     write_atomically(file, lambda temporary: temporary.write_text(text, encoding="utf-8"))

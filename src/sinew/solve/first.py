@@ -100,8 +100,8 @@ class FreeSwing(NamedTuple):
 
 
 class SwingSprings(NamedTuple):
-    """Parts of the fundamental's stiffness in a swing [N m/rad]: silicone, its relaxed part, sinking as it twists; guides
-    and guides_loss, real and imaginary part, under the tension as it rises in the swing."""
+    """Parts of the fundamental's stiffness in a swing [N m/rad]. silicone: its relaxed part, sinking as it twists;
+    guides, guides_loss: real and imaginary part, under the tension as it rises in the swing."""
 
     silicone: Any
     guides: Any
