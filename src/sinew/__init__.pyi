@@ -27,6 +27,7 @@ from sinew.measure.files.export import export_csv as export_csv
 from sinew.measure.files.export import export_mat as export_mat
 from sinew.measure.files.export import export_recording as export_recording
 from sinew.measure.files.netcdf import save_recording as save_recording
+from sinew.measure.files.tables import export_table as export_table
 from sinew.measure.read import Looked as Looked
 from sinew.measure.read import look as look
 from sinew.measure.read import read as read

@@ -63,6 +63,10 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     reproduce.answer: ("sinew answer out/paper/recording.nc --out out/paper",),
     convert.import_: ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
     convert.export: ("sinew export run/recording.nc --to mat --out run/recording.mat",),
+    convert.table: (
+        "sinew table out/paper --part resonance,ring_down --out resonance.tex",
+        "sinew table fit/fit.json --to csv",
+    ),
     convert.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
     emulate.emulate: ("sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1",),
     doctor.doctor: (

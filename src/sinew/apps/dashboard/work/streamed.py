@@ -34,13 +34,13 @@ _BACKLOG = 8000
 
 _SUFFIXES = {"°": "deg"}
 _LEVELS = {"state": 1, "note": 2, "warning": 3}  # of foxglove.Log: debug, info, warning
-_TEXT = {"type": "string"}
+_TEXT, _NUMBER = {"type": "string"}, {"type": "number"}
 _MOMENT = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _LOG_SCHEMA = {"timestamp": _MOMENT, "level": {"type": "integer"}, "message": _TEXT, "name": _TEXT}
 """As Foxglove's panel of logs wants it."""
 _SEGMENT_SCHEMA = {
     **dict.fromkeys(("kind", "state"), _TEXT),
-    **dict.fromkeys(("pretension_mm", "frequency_hz", "amplitude_deg"), {"type": "number"}),
+    **dict.fromkeys(("pretension_mm", "frequency_hz", "amplitude_deg"), _NUMBER),
 }
 
 
@@ -83,12 +83,11 @@ class RunStream:
             ) from error
         shown = [f"{one.key}_{_SUFFIXES.get(one.unit) or unit_suffix(one.unit)}" for one in self._shown.channels]
         self._names = shown
-        numbers = {"type": "number"}
         self._channels = {
             name: _channel(name, title, properties, context)
             for name, title, properties in (
-                (SAMPLES, "sinew.Sample", dict.fromkeys(columns, numbers)),
-                (SHOWN, "sinew.Shown", dict.fromkeys(shown, numbers)),
+                (SAMPLES, "sinew.Sample", dict.fromkeys(columns, _NUMBER)),
+                (SHOWN, "sinew.Shown", dict.fromkeys(shown, _NUMBER)),
                 (SEGMENT, "sinew.Segment", _SEGMENT_SCHEMA),
                 (LOG, "foxglove.Log", _LOG_SCHEMA),
             )
