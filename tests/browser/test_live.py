@@ -1,6 +1,7 @@
 """A run in a real browser, on an emulated bench in real time: seen, paused, stopped at once, and kept whole."""
 
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -108,6 +109,18 @@ def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench
     frozen = truth["clock_s_at_zero"] + truth["frozen_since_s"]
     assert truth["in_safe_state"]
     assert 0.0 < frozen - pressed < SAFE_WITHIN_S
+
+
+def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pulls(opened: Open, bench: Served) -> None:
+    page = opened(bench)
+    page.wait_for_function("document.getElementById('sinew-limit-tension').value === '180'")
+    page.fill("#sinew-limit-tension", "12")
+    page.keyboard.press("Tab")
+    start(page, bench, "brief")
+    page.wait_for_selector("#sinew-notice-alarm-tension[role=alert]")
+    said = page.inner_text("#sinew-notice-alarm-tension")
+    assert float(re.search(r"Tension of tendon \d: (\d+) N", said)[1]) > 12  # type: ignore[index]
+    assert "the limit is 12 N" in said
 
 
 def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, bench: Served, tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ class Curves:
         self._chart = ui.echart(options_of(self.what, [], self.x_name), renderer="svg")
         with ui.element("details").classes("sinew-table") as details:
             with ui.element("summary"):
-                ui.label(f"{_AXES[self.what].partition(' / ')[0].capitalize()} as a table")
+                ui.label(f"{begun(_AXES[self.what].partition(' / ')[0])} as a table")
             self._table = ui.html(sanitize=False)
         self._is_open = False
         details.on("toggle", self._toggled, js_handler="(event) => emit(event.target.open)")
@@ -155,6 +155,11 @@ class Curves:
         name = one.get("name") or f"{one['pretension_mm']:g} mm, measured"
         verdicts = one.get(f"{self.what}_verdict") or ()
         return Curve.of_estimates(name, one["frequency_hz"], one[self.what], one.get("number"), verdicts)
+
+
+def begun(text: str) -> str:
+    """Return text as a sentence begins; the rest keeps its letters: Hz and D stay what they are."""
+    return text[:1].upper() + text[1:]
 
 
 def options_of(

@@ -10,7 +10,7 @@ from nicegui import ui
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer
+from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -117,6 +117,7 @@ class _Sliders:
                     )
                     plain_button("Save as rig", "sinew-rig-save", self._save, needs_operator=True)
                     plain_button("Download", "sinew-rig-download", self._download)
+                    why_not()
             with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12):
                     self._gain = Curves("gain")
@@ -130,7 +131,9 @@ class _Sliders:
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
-                        ui.element("div").classes("sinew-scroll").props('tabindex=0 role=region aria-label="Joints"')
+                        ui.element("div")
+                        .classes("sinew-scroll sinew-whole")
+                        .props('tabindex=0 role=region aria-label="Joints"')
                     )
 
     def _slider(self, key: str, size: _Size) -> None:
@@ -138,7 +141,7 @@ class _Sliders:
         with ui.element("div").classes("sinew-slider"):
             ui.html(f"{size.name}", sanitize=False, tag="label").props(f"id=sinew-label-{key}")
             slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
-            slider.props(f'id=sinew-slider-{key} aria-label="{called}" dense')
+            slider.props(f'id=sinew-slider-{key} aria-label="{size.name}" dense')
             number = ui.number(value=value, min=size.low, max=size.high, step=size.step, suffix=size.unit)
             number.props(f'for=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
             reset = plain_button("Reset", f"sinew-reset-{key}", lambda: self._put({key: self._built[key]}))
@@ -188,6 +191,7 @@ class _Sliders:
     def _show_value(self, key: str) -> None:
         row, value = self._rows[key], self._now.values[key]
         row.slider.set_value(value)
+        row.slider.props(f'aria-valuetext="{value:g} {_SIZES[key].unit}"')
         row.number.set_value(value)
         is_built = value == self._built[key]
         row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
@@ -332,7 +336,8 @@ class _Sliders:
         if best is None:
             self._suggestion.set_text(found["sentence"])
             return
-        self._suggestion.set_text(f"{quantity(best, 'mm')}: {found['sentence']}")
+        said = f"{quantity(best, 'mm')}: " if best.get("interval90") else ""
+        self._suggestion.set_text(f"{said}{found['sentence']}")
         self._best = round(best["value"], 2)
         self._use.set_visibility(True)
 

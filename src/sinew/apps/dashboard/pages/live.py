@@ -13,6 +13,8 @@ from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.plan.toml import load_rig
 
 _LOOK_S = 0.5
+_EYE = (0.95, -1.1, 1.15)
+"""Where the joint is seen from at first, in lengths of its silicone."""
 
 
 def add_live_page(site: Site) -> None:
@@ -36,7 +38,7 @@ def add_live_page(site: Site) -> None:
                 _bench_card()
                 _alarms_card()
                 _happened_card()
-        script("sinew-live", {"scene": scene, "rig": drawn_rig(rig)})
+        script("sinew-live", {"scene": scene, "eye": _EYE, "rig": drawn_rig(rig)})
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
 
 
@@ -47,7 +49,7 @@ def _joint_card() -> int:
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
             scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
-            scene.move_camera(0.95, -1.1, 1.15, 0.0, 0.0, 0.55, duration=0)
+            scene.move_camera(*_EYE, 0.0, 0.0, 0.55, duration=0)
             ui.element("div").props("id=sinew-tensions")
         ui.html(
             '<div class="sinew-row"><label for="sinew-exaggeration">Deformation drawn '

@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
-from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.curves import Curve, Curves, begun
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import MOST_CHARACTERS
@@ -78,6 +78,7 @@ class _Desk:
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
                     self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
+                    why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
                     self._preview = ui.element("div").classes("sinew-stack")
@@ -340,6 +341,11 @@ def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False
     return made
 
 
+def why_not() -> None:
+    """Leave place for why the buttons beside it are not for this page's viewer; steering.js fills it."""
+    ui.element("span").classes("sinew-why-not sinew-soft")
+
+
 async def steer(command: str, told: dict[str, Any]) -> dict[str, Any]:
     """Return what the steward answers to a command of this browser, which also shows it."""
     try:
@@ -476,7 +482,7 @@ def _short(one: dict[str, Any]) -> str:
 def _told(one: dict[str, Any]) -> str:
     drive = "" if one["frequency_hz"] is None or one["groups"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
     held = "" if one["pretension_mm"] is None else f", {one['pretension_mm']:g} mm"
-    return f"{_doing(one)}{drive}{held}: {_span(one)}".capitalize()
+    return f"{begun(_doing(one))}{drive}{held}: {_span(one)}"
 
 
 def _told_level(one: dict[str, Any]) -> str:

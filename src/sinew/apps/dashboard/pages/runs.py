@@ -12,7 +12,7 @@ from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button
+from sinew.apps.dashboard.pages.plan import plain_button, why_not
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
 from sinew.measure.units import local_time
@@ -102,7 +102,8 @@ class _List:
             with ui.element("div").classes("sinew-row"):
                 button = ui.button("Open what is chosen", on_click=self._open_chosen)
                 button.props("id=sinew-open no-caps unelevated color=primary")
-                ui.button("Put into the bin", on_click=self._bin_chosen).props("id=sinew-bin no-caps outline")
+                plain_button("Put into the bin", "sinew-bin", self._bin_chosen, needs_operator=True)
+                why_not()
             ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
                 "sinew-soft"
             )
@@ -166,8 +167,8 @@ class _List:
                 for name in names:
                     with ui.element("div").classes("sinew-row"):
                         ui.label(name)
-                        button = ui.button("Restore", on_click=lambda name=name: self._restore(name))
-                        button.props(f'no-caps outline dense data-restore aria-label="Restore {_attribute(name)}"')
+                        button = plain_button("Restore", "", lambda name=name: self._restore(name), needs_operator=True)
+                        button.props(f'data-restore aria-label="Restore {_attribute(name)}"')
 
     async def _draw_trend(self) -> None:
         try:
@@ -211,11 +212,11 @@ class _List:
             ui.notify("Choose one run, or several to put into the bin.")
             return
         with ui.dialog().props('aria-label="Put runs into the bin"') as sure, ui.card():
-            few = f" the first {len(names)} of {len(ticked)} that are chosen:" if len(names) < len(ticked) else ""
-            ui.label(f"Put into the bin{few} {', '.join(names)}?").props("data-asked")
+            few = f"the first {len(names)} of {len(ticked)} that are chosen, " if len(names) < len(ticked) else ""
+            ui.label(f"Put {few}{', '.join(names)} into the bin? It can be taken out again.").props("data-asked")
             with ui.element("div").classes("sinew-row"):
                 plain_button("Put into the bin", "sinew-bin-sure", lambda: sure.submit(True))
-                plain_button("Keep", "sinew-bin-not", lambda: sure.submit(False))
+                plain_button("Leave it", "sinew-bin-not", lambda: sure.submit(False))
         is_sure = await sure
         sure.delete()
         if not is_sure:
@@ -345,15 +346,15 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
         ui.label(f"{run['sentence']} Begun {local_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
             to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
-            button = ui.button("Rename", on_click=rename)
-            button.props("no-caps outline data-rename")
+            plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
         notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
         notes.classes("w-full")
         tags = ui.input("Tags, with spaces between", value=" ".join(run["tags"])).props("outlined dense data-tags")
         tags.classes("w-full")
         with ui.element("div").classes("sinew-row"):
-            ui.button("Keep notes and tags", on_click=note).props("no-caps outline data-keep")
-            ui.button("Put into the bin", on_click=put_away).props("no-caps outline data-bin")
+            plain_button("Keep notes and tags", "", note, needs_operator=True).props("data-keep")
+            plain_button("Put into the bin", "", put_away, needs_operator=True).props("data-bin")
+            why_not()
 
 
 def _compared(first: str, compared: dict[str, Any]) -> None:

@@ -20,8 +20,9 @@ const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PER
 // The joint in its card: turned by mouse, touch and keys, its deformation drawn larger than it is, tensions as numbers,
 // and its last periods slowly.
 export class JointView {
-  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly.
-  constructor(component, traces) {
+  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly. eye: where it is seen from
+  // at first, which the scene itself may not know yet.
+  constructor(component, traces, eye) {
     Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, mean: { pitch: 0, roll: 0 } });
     this.box = document.getElementById("sinew-joint");
     const slider = document.getElementById("sinew-exaggeration"), slowly = document.getElementById("sinew-slow");
@@ -39,7 +40,7 @@ export class JointView {
     this.fov = component.camera.fov;
     new ResizeObserver(() => this.fit()).observe(this.box);
     this.fit();
-    this.start = component.camera.position.clone();
+    this.start = component.camera.position.clone().set(...eye);
     this.drawWhenNew();
   }
 

@@ -26,7 +26,7 @@ async function begin() {
   draw(0);
   for (let i = 0; i < 200 && !window.getElement?.(given.scene)?.renderer; i++) await new Promise((go) => setTimeout(go, 50));
   const scene = window.getElement?.(given.scene);
-  if (scene?.renderer) { joint = new JointView(scene, traces); await joint.show(rig); }
+  if (scene?.renderer) { joint = new JointView(scene, traces, given.eye); await joint.show(rig); }
 }
 
 // A run may be of another rig than the one that is offered first.

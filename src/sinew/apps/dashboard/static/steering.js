@@ -238,7 +238,7 @@ function show() {
   tell(run, state, last, mine);
 }
 
-const mayKeep = () => !status?.signed_in ? "Sign in and take control to save." : !status.operator?.mine ? "Take control to save." : "";
+const mayKeep = () => !status?.signed_in ? "Sign in and take control first." : !status.operator?.mine ? "Take control first." : "";
 
 // The buttons that start a run, save and delete are the page's; whether this tab may is known here.
 function gate() {
@@ -247,6 +247,7 @@ function gate() {
     button.disabled = button.dataset.operator !== "ready" || Boolean(why);
     button.title = why;
   }
+  for (const place of document.querySelectorAll(".sinew-why-not")) put(place, mayKeep());
   const start = $("sinew-start");
   if (!start) return;
   const why = mayStart();
