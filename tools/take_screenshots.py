@@ -34,7 +34,7 @@ rest_s = 0.5
 frequency_hz = [2.5, 2.8, 3, 3.2, 3.4, 3.6, 4]
 settle_s = 1
 periods = 4
-repeats = 2
+repeats = 5
 """
 MADE_RUNS, YEAR_S = 6, 366 * 86400
 PROGRESS = "parseInt(document.querySelector('#sinew-progress-text').textContent)"
@@ -103,13 +103,15 @@ def take_live(camera: Camera, base: str) -> None:
     page.wait_for_selector("#sinew-notice-begins")
     camera.take("live-preparing")
     page.wait_for_selector("#sinew-notice-ended.good")
-    page.wait_for_function("document.querySelector('#sinew-verdict').textContent.includes(' judged values ')")
+    page.wait_for_function("document.querySelector('#sinew-verdict').textContent.includes(' 8 judged values ')")
     camera.take("live-complete", whole=True)
     page.click("#sinew-open-last")
     page.wait_for_selector("a[data-kind=csv]")
     camera.take("run", whole=True)
     page.click("a[href$='/samples']")
     page.wait_for_function("document.body.dataset.samples === 'shown'")
+    chosen = page.locator("#sinew-segment option", has_text="steady").first.get_attribute("value")
+    page.select_option("#sinew-segment", chosen)
     page.click("#sinew-cursors")
     page.click("#sinew-spectrum")
     page.wait_for_function("document.querySelector('#sinew-peaks').textContent.includes('Hz')")
@@ -121,7 +123,8 @@ def take_stops(camera: Camera, base: str) -> None:
     page = camera.page
     start(page, base, "demonstration")
     page.wait_for_function(f"{PROGRESS} >= 4")
-    page.wait_for_selector(".nicegui-echart >> nth=0 >> text=measured")
+    for drawn in ("measured", "predicted"):
+        page.wait_for_selector(f".nicegui-echart >> nth=0 >> text={drawn}")
     camera.take("live-running", whole=True)
     camera.take("live-running-dark", theme="dark")
     camera.take("live-phone", size=PHONE)

@@ -126,7 +126,8 @@ function describe() {
   notice("steward", state.steward === null ? "bad" : null, { title: "The steward does not answer", lines: ["What is shown may be old."] });
   notice("doubts", live?.doubts?.length ? "warn" : null, { title: "The measurement contradicts itself", lines: live?.doubts ?? [] });
   scope.name(live?.name);
-  put("sinew-source", !live ? "–" : live.source ?? (state.steward?.bench?.kind === "emulator" ? "the emulated bench, not a real joint" : "the bench"));
+  const source = live?.source ?? (state.steward?.bench?.kind === "emulator" ? "emulator" : "the bench");
+  put("sinew-source", !live ? "–" : source === "emulator" ? "the emulated bench, not a real joint" : source);
   const begins = run && run.name !== live?.name;
   $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);
   if (begins) put("sinew-nothing-yet", `What ${run.name} measures appears here as it comes.`);

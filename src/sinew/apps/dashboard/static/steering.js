@@ -215,11 +215,11 @@ function show() {
   if (reachable === false) { text = "Steering does not answer"; how = "bad"; }
   else if (status === null) text = "Connecting";
   else if (run) {
-    text = `${run.name}: ${DOING[state] ?? state ?? "running"}`;
+    text = `${DOING[state] ?? state ?? "running"}: ${run.name}`; // the name may be cut off, what it does is not
     how = state === "silent" ? "bad" : ["paused", "pausing"].includes(state) ? "warn" : "good";
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
-  else if (last && isEarly(last)) { text = `${last.name} ended early`; how = "bad"; }
+  else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
   const chip = $("sinew-state");
   put(chip, bench && reachable !== false && status ? `${bench === "emulator" ? "Emulated bench" : "Bench"} · ${text}` : text);
