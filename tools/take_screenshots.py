@@ -81,7 +81,7 @@ def start(page: Page, base: str, plan: str = "") -> None:
     """Start the plan that the page Plan offers, or another one of the shelf."""
     page.goto(f"{base}/plan")
     page.wait_for_function("Sinew.status()?.signed_in")
-    if page.inner_text("#sinew-take") != "Hand over":
+    if page.inner_text("#sinew-take") != "Give control up":
         page.click("#sinew-take")
     page.wait_for_selector("#sinew-duration:not(:empty)")
     if plan:

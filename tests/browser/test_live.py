@@ -50,7 +50,7 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     """Start a plan of the shelf from the page, as a user does, and return the run's folder when samples come."""
     page.goto(f"{dashboard.base}/plan")
     page.wait_for_selector("#sinew-duration")
-    if page.inner_text("#sinew-take") != "Hand over":
+    if page.inner_text("#sinew-take") != "Give control up":
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     choose_plan(page, plan)

@@ -46,7 +46,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 def in_control(opened: Open, stage: Stage, path: str = "/", **how: Any) -> Any:
     page = opened(stage, path, **how)
-    if page.inner_text("#sinew-take") != "Hand over":
+    if page.inner_text("#sinew-take") != "Give control up":
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     return page

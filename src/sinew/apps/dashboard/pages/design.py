@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any, NamedTuple
 
 from nicegui import ui
@@ -46,6 +47,9 @@ _SIZES = {
 }
 _DRAWN_ONLY = "wanted_hz"
 """It moves a mark, and nothing is computed for it."""
+
+
+_COMPILES = "The equations are being compiled, once: some seconds, more where the computer is busy."
 
 
 def add_design_page(site: Site) -> None:
@@ -127,7 +131,7 @@ class _Sliders:
                 with card("What it is worth", 12):
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     with self._notes:
-                        empty("The equations are being compiled; that takes some seconds once.")
+                        self._waiting = empty(_COMPILES)
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
@@ -169,10 +173,20 @@ class _Sliders:
         for key in _SIZES:
             self._show_value(key)
         self._tabulate()
-        await self._change()
+        began = monotonic()
+        counter = ui.timer(1.0, lambda: self._count(monotonic() - began))
+        try:
+            await self._change()
+        finally:
+            counter.cancel()
         self._site.work.warm_up()
         for joint in (self._as_built, *self._kept):
             await self._finish(joint)
+
+    def _count(self, seconds: float) -> None:
+        """Say how long the first curve has been waited for."""
+        if not self._waiting.is_deleted:
+            self._waiting.set_text(f"{_COMPILES} {seconds:.0f} s so far.")
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, and show what comes of it."""

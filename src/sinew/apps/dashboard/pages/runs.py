@@ -9,13 +9,16 @@ from nicegui import events, ui
 from starlette.requests import Request
 
 from sinew.analysis.run_index import COMMON, QUANTITIES
+from sinew.apps.dashboard.hub import basis_of, numbered
+from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.operators import is_run_name
-from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
+from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, why_not
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
 from sinew.measure.units import local_time
+from sinew.plan.toml import parse_rig
 
 _COLUMNS = {
     "name": "run",
@@ -100,17 +103,20 @@ class _List:
             self._said = ui.label("The runs are listed.").props("role=status").classes("sinew-soft")
             self._table = self._made_table()
             with ui.element("div").classes("sinew-row"):
-                button = ui.button("Open what is chosen", on_click=self._open_chosen)
+                button = ui.button("Open, or compare several", on_click=self._open_chosen)
                 button.props("id=sinew-open no-caps unelevated color=primary")
                 plain_button("Put into the bin", "sinew-bin", self._bin_chosen, needs_operator=True)
                 why_not()
+            self._hint = ui.label("Tick one run to open it, or several to compare them; a click on a row opens it too.")
+            self._hint.props("role=status").classes("sinew-soft")
             ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
                 "sinew-soft"
             )
         with ui.element("div").classes("sinew-grid"):
             with card("Over months", 12):
-                names = {one: QUANTITIES[one].called[0] for one in QUANTITIES}
-                self._quantity = ui.radio({one: names[one] for one in COMMON}, value=COMMON[0]).props("inline")
+                names = {one: f"{QUANTITIES[one].words} {QUANTITIES[one].called[0]}" for one in COMMON}
+                self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
+                self._quantity.props("inline")
                 self._quantity.on_value_change(self._draw_trend)
                 self._trend = ui.element("div").classes("w-full").props("data-trend")
             self._bin = ui.element("div").classes("span-12")
@@ -176,7 +182,10 @@ class _List:
         except SinewError as trouble:
             found, said = [], str(trouble)
         else:
-            said = "No run that is found has it. Open a run to have it analysed."
+            said = (
+                f"No run of the list tells the {QUANTITIES[self._quantity.value].words}: either it was not opened yet, "
+                "which has it analysed, or its plan does not determine it."
+            )
         self._trend.clear()
         with self._trend:
             if not found:
@@ -196,7 +205,7 @@ class _List:
         if names := self._chosen():
             ui.navigate.to(_address(names))
         else:
-            ui.notify("Choose one run, or several to lay over one another.")
+            self._hint.set_text("No run is ticked: tick one to open it, or several to compare them.")
 
     def _open_row(self, event: events.GenericEventArguments) -> None:
         name = event.args[1]["name"]
@@ -209,7 +218,7 @@ class _List:
         ticked = [row["name"] for row in self._table.selected if row["name"] in listed]
         names = [name for name in ticked if is_run_name(name)][:_MOST_OVERLAID]
         if not names:
-            ui.notify("Choose one run, or several to put into the bin.")
+            self._hint.set_text("No run is ticked: tick those to put into the bin.")
             return
         with ui.dialog().props('aria-label="Put runs into the bin"') as sure, ui.card():
             few = f"the first {len(names)} of {len(ticked)} that are chosen, " if len(names) < len(ticked) else ""
@@ -314,7 +323,8 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
         _doubts(found)
-        _curves(found)
+        charts = _curves(found)
+        verdict = ui.element("div").classes("span-12")
         _compared(names[0], compared)
         _numbers(found)
         for name, results in found:
@@ -324,6 +334,29 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
                 _about(about[name], changed)
         for name, _ in found:
             _downloads(name)
+    if len(found) == 1 and found[0][1].get("curves"):
+        await _foretell(site, *found[0], charts, verdict)
+
+
+async def _foretell(
+    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], place: ui.element
+) -> None:
+    """Draw what was to be expected of a run behind what it measured, and say what misses it."""
+    try:
+        found = await site.work.call("prediction_of_run", str(site.runs / name))
+    except SinewError:
+        return  # a recording from elsewhere: nobody knows its rig and plan
+    if place.is_deleted or not found["curves"]:
+        return
+    predicted = numbered(found["curves"], found["plan"])
+    measured = judged(predicted, numbered(results["curves"], found["plan"]))
+    for chart in charts.values():
+        chart.show(predicted, measured)
+    with place, card("Measured against predicted", 12):
+        ui.label(tally(measured)).classes("text-bold").props("data-verdict")
+        for sentence in misses(measured):
+            ui.label(sentence)
+        ui.label(basis_of(parse_rig(found["rig"]))).classes("sinew-soft")
 
 
 def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
@@ -343,7 +376,7 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
             ui.navigate.to("/runs")
 
     with card(f"About {name}", 6):
-        ui.label(f"{run['sentence']} Begun {local_time(run['started'])}.").props("data-reason")
+        ui.label(f"{run['sentence'].rstrip('.')}. Begun {local_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
             to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
             plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
@@ -394,7 +427,8 @@ def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
                     ui.label(sentence).classes("sinew-bad")
 
 
-def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
+def _curves(found: list[tuple[str, dict[str, Any]]]) -> dict[str, Curves]:
+    """Draw what runs measured, and return the charts of gain and phase where there are such."""
     several = len(found) > 1
     lines: dict[str, list[Curve]] = {"gain": [], "phase": []}
     damping: list[Curve] = []
@@ -413,22 +447,33 @@ def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
             values = [row["damping_ratio"] for row in rows]
             named, at = before.rstrip(", ") or "ring-downs", [row["pretension_mm"] for row in rows]
             damping.append(Curve.of_estimates(named, at, values, len(damping)))
-    for what, title in (("gain", "Gain"), ("phase", "Phase")):
+    charts = {}
+    for what, title in (("gain", "Resonance curve: gain"), ("phase", "Phase: lag of the torsion")):
         with card(title, 6):
             if lines[what]:
-                Curves(what).draw(lines[what])
+                charts[what] = Curves(what)
+                charts[what].draw(lines[what])
             else:
                 empty("No frequency was recorded whole.")
     if damping:
         with card("Damping", 6):
             Curves("damping", "pretension / mm").draw(damping)
+    return charts
 
 
 def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
     rows = [{"run": name, **row} for name, results in found for row in results.get("parameters", [])]
-    if not rows:
+    notes = [
+        f"{name}: {note}" if len(found) > 1 else begun(note)
+        for name, results in found
+        for text in results.get("notes", [])
+        for note in text.splitlines()
+    ]
+    if not rows and not notes:
         return
     with card("What was found", 12):
+        for note in dict.fromkeys(notes):
+            ui.label(note).classes("sinew-soft").props("data-note")
         shown = [
             {
                 "key": f"{row['run']} {row['pretension_mm']} {row['name']}",
