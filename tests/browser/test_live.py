@@ -62,15 +62,14 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     return dashboard.await_run()
 
 
-def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_four_clicks_in_a_minute(
+def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_three_clicks_in_a_minute(
     opened: Open, tmp_path: Path
 ) -> None:
     began = time.monotonic()
     with served(tmp_path / "runs", "--emulate") as dashboard:
         page = opened(dashboard)
-        page.get_by_role("link", name="Plan").click()
-        page.get_by_role("button", name="Take control").click()
-        page.locator("#sinew-start:not([disabled])").click()
+        page.get_by_role("link", name="Plan a run").click()
+        page.get_by_role("button", name="Take control and start").click()
         page.wait_for_url(f"{dashboard.base}/")
         page.locator("#sinew-open-last").click(timeout=200_000)
         page.wait_for_function(

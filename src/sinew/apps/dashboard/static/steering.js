@@ -302,7 +302,7 @@ function tell(run, state, last, mine) {
     const when = `at ${at(last.ended)}`;
     if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [sentence(last.sentence)], actions: open });
     else {
-      const why = mayStart();
+      const why = mayStart() || (mine ? "" : "Take control to go on with it.");
       const resume = [["sinew-go-on", "Go on with this run", () => command("continue", { name: last.name }), !why, why]];
       notice("ended", "bad", { title: last.complete ? `The run ${last.name} is complete, but ended in trouble, ${when}` : `The run ${last.name} ended early, ${when}`,
         lines: [sentence(last.sentence), last.can_resume ? `${done}${asked ? "" : " See that the bench is well."} Go on with the first group that is missing, or leave it at that.`
