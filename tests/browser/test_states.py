@@ -332,7 +332,7 @@ def test_who_is_deposed_is_told_so(opened: Open, stage: Stage) -> None:
     first, second = in_control(opened, stage), opened(stage)
     second.click("#sinew-take")
     first.wait_for_selector("#sinew-notice-deposed")
-    assert "Somebody else took control" in first.inner_text("#sinew-notice-deposed")
+    assert "Another page took control" in first.inner_text("#sinew-notice-deposed")
     first.click("#sinew-seen")
     first.wait_for_selector("#sinew-notice-deposed", state="detached")
 
@@ -388,7 +388,9 @@ def test_control_ends_with_its_tab_and_not_with_its_page(opened: Open, stage: St
     for path in ("/runs", "/design", "/no-such-page", "/"):
         first.goto(stage.base + path)
         first.wait_for_function("window.Sinew && Sinew.status()?.operator?.mine")
-    second.wait_for_function("document.getElementById('sinew-who').textContent.startsWith('Another page is in control since')")
+    second.wait_for_function(
+        "document.getElementById('sinew-who').textContent.startsWith('Another page is in control since')"
+    )
     first.close(run_before_unload=True)
     second.wait_for_function(
         "document.getElementById('sinew-who').textContent === 'Nobody is in control'", timeout=30_000

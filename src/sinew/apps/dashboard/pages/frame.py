@@ -20,6 +20,7 @@ from sinew.apps.dashboard.hub import Hub, Results
 from sinew.apps.dashboard.work.runs import read_shelf
 from sinew.apps.dashboard.worker import Work
 from sinew.measure.estimate import shown_interval, typeset
+from sinew.measure.units import local_time
 from sinew.plan.toml import read_spec
 
 # The pages find what they share: folders, hub, worker, access.
@@ -147,6 +148,11 @@ def live_card(title: str, span: int) -> Iterator[ui.element]:
 def heading(text: str) -> ui.label:
     """Show what a page is about."""
     return ui.label(text).props("role=heading aria-level=1").classes("text-h6")
+
+
+def clock_time(moment: str) -> str:
+    """Return an ISO 8601 time as pages say it, in the zone of the bench's computer: "2026-03-01 14:05"."""
+    return local_time(moment)[:16]
 
 
 def empty(sentence: str) -> ui.label:

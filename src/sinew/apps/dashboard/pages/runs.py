@@ -13,11 +13,10 @@ from sinew.apps.dashboard.hub import basis_of, numbered
 from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
+from sinew.apps.dashboard.pages.frame import Site, card, clock_time, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, why_not
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
-from sinew.measure.units import local_time
 from sinew.plan.toml import parse_rig
 
 _COLUMNS = {
@@ -133,6 +132,7 @@ class _List:
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
         table.props("flat dense id=sinew-runs").classes("w-full")
+        table.props(':grid="window.innerWidth < 620"')  # of a phone, whose width cuts a table off
         table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
         table.add_slot(
             "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
@@ -259,7 +259,7 @@ def _counted(found: dict[str, Any], is_search: bool) -> str:
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "" if run.get("groups") is None else f" ({run['groups_done']:.0f} of {run['groups']:.0f})"
     row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
-    row |= {"started": local_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
+    row |= {"started": clock_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
     row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
     said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
@@ -376,7 +376,7 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
             ui.navigate.to("/runs")
 
     with card(f"About {name}", 6):
-        ui.label(f"{run['sentence'].rstrip('.')}. Begun {local_time(run['started'])}.").props("data-reason")
+        ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
             to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
             plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
@@ -393,6 +393,10 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
 def _compared(first: str, compared: dict[str, Any]) -> None:
     """Show in what runs differ from the first one that is open, and whether that is more than their uncertainty."""
     if not compared["rows"]:
+        if compared["sentences"]:
+            with card(f"Against {first}", 12):
+                for sentence in compared["sentences"]:
+                    ui.label(sentence)
         return
     rows = []
     for row in compared["rows"]:

@@ -194,7 +194,7 @@ function clock(seconds) {
   return s >= 86400 ? `${Math.floor(s / 86400)} d ${Math.floor(s % 86400 / 3600)} h`
     : s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
 }
-const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false, timeZoneName: "short" });
+const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false });
 const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
 
 const DOING = { starting: "begins", found: "running", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
@@ -275,7 +275,7 @@ function tell(run, state, last, mine) {
   if (status === null) return;
   if (wasMine && !mine && !handing) {
     const taken = Boolean(status.operator), when = at(status.operator?.since ?? status.time_s);
-    notice("deposed", "warn", { title: taken ? `Somebody else took control at ${when}` : "This page is not in control any more",
+    notice("deposed", "warn", { title: taken ? `Another page took control at ${when}` : "This page is not in control any more",
       lines: [taken ? "This page only watches now; take over to steer again." : "It was not heard of for a while; take control to steer again."],
       actions: [["sinew-seen", "Close", () => notice("deposed")]] });
   }

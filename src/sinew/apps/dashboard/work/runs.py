@@ -100,8 +100,8 @@ def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str
         if name not in known or first not in known or name == first:
             continue
         found = differences(known[first], known[name], list(QUANTITIES))
-        if found:
-            sentences.append(f"{name} against {first}: {by_chance(found)}")
+        told = by_chance(found) if found else "no quantity was found in both at the same pretension."
+        sentences.append(f"{name} against {first}: {told}")
         rows += [
             {
                 "run": name,
