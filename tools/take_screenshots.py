@@ -81,8 +81,6 @@ def start(page: Page, base: str, plan: str = "") -> None:
     """Start the plan that the page Plan offers, or another one of the shelf."""
     page.goto(f"{base}/plan")
     page.wait_for_function("Sinew.status()?.signed_in")
-    if page.inner_text("#sinew-take") != "Give control up":
-        page.click("#sinew-take")
     page.wait_for_selector("#sinew-duration:not(:empty)")
     if plan:
         choose_plan(page, plan)
@@ -152,12 +150,17 @@ def take_runs(camera: Camera, base: str) -> None:
     page.goto(f"{base}/runs?search=plan:weekly")
     page.wait_for_selector("[data-trend] svg")
     camera.take("runs", whole=True)
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    page.reload()
+    page.wait_for_selector("[data-trend] svg")
+    camera.take("runs-phone", size=PHONE)
     page.goto(f"{base}/runs?open=run-0000&open=run-0005")
     page.wait_for_selector("[data-compared]")
     camera.take("runs-compared", whole=True)
     page.goto(f"{base}/runs")
-    page.click("#sinew-take")
     page.wait_for_selector("[data-trend] svg")
+    if page.inner_text("#sinew-take") != "Give control up":
+        page.click("#sinew-take")
     page.click("[aria-label='choose run-0002']")
     page.click("#sinew-bin")
     page.wait_for_selector("[data-asked]")
@@ -193,6 +196,9 @@ def take_others(browser: Browser, folder: Path, base: str) -> None:
         page.click("#sinew-take")
         page.wait_for_selector("dialog[open]")
         camera.take("sign-in")
+        page.goto(f"{base}/help")
+        page.wait_for_selector("h1")
+        camera.take("help")
         page.goto(f"{base}/no-such-page")
         page.wait_for_selector("h1")
         camera.take("no-such-page")
