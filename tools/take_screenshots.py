@@ -101,7 +101,7 @@ def take_live(camera: Camera, base: str) -> None:
     page.wait_for_selector("#sinew-notice-begins")
     camera.take("live-preparing")
     page.wait_for_selector("#sinew-notice-ended.good")
-    page.wait_for_function("document.querySelector('#sinew-verdict').textContent.includes(' 8 judged values ')")
+    page.wait_for_function("document.querySelector('#sinew-verdict').textContent.includes(' 12 judged values ')")
     camera.take("live-complete", whole=True)
     page.click("#sinew-open-last")
     page.wait_for_selector("a[data-kind=csv]")

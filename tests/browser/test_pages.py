@@ -137,26 +137,53 @@ def test_the_joint_is_turned_brought_nearer_and_turned_back_by_keys(spatial: Any
     assert camera(spatial) == pytest.approx((azimuth, height, distance))
 
 
-def test_the_joint_is_turned_by_touch_and_the_page_does_not_scroll(spatial: Any) -> None:
-    spatial.locator("#sinew-joint").scroll_into_view_if_needed()
-    box = spatial.locator("#sinew-joint canvas").bounding_box()
+def touched(page: Any, across: int, down: int) -> None:
+    """Draw a finger over the joint."""
+    page.evaluate("document.activeElement.blur(); scrollTo(0, 0)")
+    box = page.locator("#sinew-joint canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    before, scrolled = camera(spatial), spatial.evaluate("scrollY")
-    touch = spatial.context.new_cdp_session(spatial)
-    for kind, by in (("touchStart", 0), ("touchMove", 30), ("touchMove", 60), ("touchEnd", None)):
-        points = [] if by is None else [{"x": x + by, "y": y + by}]
+    touch = page.context.new_cdp_session(page)
+    for kind, part in (
+        ("touchStart", 0.0),
+        ("touchMove", 0.5),
+        ("touchMove", 0.8),
+        ("touchMove", 1.0),
+        ("touchEnd", None),
+    ):
+        points = [] if part is None else [{"x": x + part * across, "y": y + part * down}]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
+def test_the_joint_is_turned_by_a_finger_that_goes_across(spatial: Any) -> None:
+    before = camera(spatial)
+    touched(spatial, 80, 4)
     spatial.wait_for_function(
         f"before => {{ const seen = ({FIND_SCENE} return scene(); }})();"
         " return Math.abs(Math.atan2(seen.camera.position.y, seen.camera.position.x) - before) > 0.1; }",
         arg=np.radians(before[0]),
     )
-    after = camera(spatial)
-    assert after[0] < before[0] - 5.0  # a finger to the right takes what it holds along
-    assert after[1] > before[1] + 5.0
-    assert spatial.evaluate("scrollY") == scrolled
-    spatial.focus("#sinew-joint")
-    spatial.keyboard.press("Home")
+    assert camera(spatial)[0] < before[0] - 5.0  # a finger to the right takes what it holds along
+    assert spatial.evaluate("scrollY") == 0
+    spatial.click("#sinew-joint-home")
+    assert camera(spatial) == pytest.approx(before)
+
+
+def test_a_finger_that_goes_up_over_the_joint_scrolls_the_page(spatial: Any) -> None:
+    before = camera(spatial)
+    touched(spatial, 4, -150)
+    spatial.wait_for_function("scrollY > 50")
+    assert camera(spatial)[2] == pytest.approx(before[2])
+    spatial.evaluate("scrollTo(0, 0)")
+
+
+def test_the_wheel_over_the_joint_scrolls_the_page_until_the_joint_has_the_focus(spatial: Any) -> None:
+    before = camera(spatial)
+    spatial.evaluate("document.activeElement.blur(); scrollTo(0, 0)")
+    spatial.hover("#sinew-joint canvas")
+    spatial.mouse.wheel(0, 200)
+    spatial.wait_for_function("scrollY > 50")
+    assert camera(spatial) == pytest.approx(before)
+    spatial.evaluate("scrollTo(0, 0)")
 
 
 MOVED = """async ([exaggerated, slowly, frames]) => {
