@@ -101,7 +101,8 @@ def take_live(camera: Camera, base: str) -> None:
     page.wait_for_selector("#sinew-notice-begins")
     camera.take("live-preparing")
     page.wait_for_selector("#sinew-notice-ended.good")
-    page.wait_for_function("document.querySelector('#sinew-verdict').textContent.includes(' 12 judged values ')")
+    page.wait_for_selector("#sinew-verdict >> text=judged values", timeout=3 * PATIENCE_MS)
+    page.wait_for_timeout(10 * SETTLED_MS)  # the last points are analysed after the end
     camera.take("live-complete", whole=True)
     page.click("#sinew-open-last")
     page.wait_for_selector("a[data-kind=csv]")
