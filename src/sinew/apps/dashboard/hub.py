@@ -281,7 +281,7 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_POINTS = "Points: mean and 90 % interval over repeats."
+_POINTS = "Points: mean and 90 % interval, over the repeats, or where there is one over its periods."
 _BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
 _COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
