@@ -9,7 +9,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce serve wheel screenshots answers pictures test test-slow test-long test-realtime check bench peers campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce serve wheel screenshots answers pictures test test-slow test-long test-realtime check bench bench-gpu peers campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -29,8 +29,8 @@ answers: reproduce ## the paper's open questions asked of that campaign: out/rep
 wheel: $(VENV)/.dev ## sdist and wheel in dist/, tried in an empty environment of each of PYTHONS="python3.11 ..." (some minutes each)
 	$(BIN)/python tools/try_wheel.py $(PYTHONS)
 
-screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, from Chromium (a minute or two)
-	$(BIN)/python tools/take_screenshots.py docs/pictures
+screenshots: $(VENV)/.dev ## every page and state of the dashboard as pictures of README and docs, from Chromium (some minutes)
+	$(BIN)/python -m tools.take_screenshots docs/pictures/dashboard
 
 # Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
 # fusion emitters; no number of `make reproduce` moved by 1e-9. Files of tests run in their order, for by number of tests
@@ -63,6 +63,9 @@ check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the 
 bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run; beams beside finite elements
 	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
 	$(BIN)/python -m benchmarks
+
+bench-gpu: $(VENV)/.dev ## batches of designs and of the posterior on a GPU beside the CPU, where JAX finds one
+	$(BIN)/python -m benchmarks gpu
 
 peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with and .venv cannot hold, and a master of the bus in Rust
 	@sh tools/peers.sh

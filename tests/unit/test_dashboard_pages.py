@@ -14,6 +14,7 @@ from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import quantity
+from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
@@ -86,6 +87,12 @@ def test_a_chart_is_summarised_in_words() -> None:
         "gain over frequency / Hz. line: line from 1 to 3, largest 3 at 3. 6 mm, <measured>: 2 points from 3 to 4, "
         "largest 2.5 at 3; missed the prediction at 3 by +25 %, 2.0 of its uncertainty."
     )
+
+
+def test_a_sentence_begins_large_and_its_units_stay_as_they_are() -> None:
+    stage = {"kind": "steady", "groups": 1, "start_s": 0.0, "duration_s": 4.0}
+    stage |= {"frequency_hz": 2.7, "amplitude_deg": 20.0, "pretension_mm": 4.0}
+    assert 'title="Record the steady swing at 2.7 Hz, 4 mm: 0:00 to 0:04, 4.0 s"' in timeline_html([stage])
 
 
 def test_the_table_holds_every_point_and_escapes_its_words() -> None:

@@ -67,11 +67,11 @@ def test_two_runs_of_one_name_lie_side_by_side_in_the_bin(runs: Path) -> None:
     assert list_bin(runs) == ["old", "old.2"]
 
 
-def test_a_run_does_not_come_back_over_another_one(runs: Path) -> None:
+def test_a_run_comes_back_beside_whatever_has_its_name(runs: Path) -> None:
     bin_run(runs, "old")
     run_folder(runs / "old", [0])
-    with pytest.raises(RefusedError, match="there is a run old already"):
-        restore_run(runs, "old")
+    assert restore_run(runs, "old") == "the run old is back as old.2: something else has its name"
+    assert names(runs) == ["old", "old.2"]
 
 
 def test_a_bin_that_is_a_link_is_refused(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> None:

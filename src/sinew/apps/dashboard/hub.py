@@ -28,18 +28,18 @@ from sinew.apps.dashboard.work.samples import (
     GAP_S,
     TORSION,
     Channel,
+    JournalTail,
     LiveChannels,
+    News,
     drawn_rig,
     dumped,
-    journal_spans,
     thin,
 )
 from sinew.apps.dashboard.worker import Work
-from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
-from sinew.measure.events import Contact, Doubted, Ended, Event, Frozen, Health, Severity
+from sinew.measure.events import Doubted, Ended, Frozen, Health, Severity
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
@@ -73,64 +73,6 @@ class Ring:
         """Return the columns with numbers in [first, end), those that are still kept."""
         first, end = max(first, self.oldest), min(end, self.count)
         return self._table[:, np.arange(first, max(first, end)) % self._table.shape[1]]
-
-
-_MOST_ROWS = 4000
-
-
-@dataclass(frozen=True)
-class News:
-    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
-    numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
-    groups are finished; what the clock of the newest rows showed when the time of the run was 0 [s]; where the tendon
-    motors stood at first contact [rad], where that is among the events."""
-
-    rows: dict[str, Array]
-    events: list[tuple[int, Event]]
-    segment: Stretch | None
-    groups_done: int
-    zero_s: float = math.nan
-    contact: Array | None = None
-    times: dict[int, tuple[float, float]] = field(default_factory=dict)
-
-
-class JournalTail:
-    """Follows one journal.
-
-    path: of the journal. backlog: how many of the samples that there are already are read first.
-    Every look is a short read transaction of its own, which keeps nothing from whoever writes. Raises FileError where
-    it is no journal; sqlite3.OperationalError may come from a look at a disk that fails.
-    """
-
-    def __init__(self, path: Path, backlog: int = 0) -> None:
-        self._reader = JournalReader(path)
-        self.plan_toml, self.rig_toml = self._reader.plan_toml, self._reader.rig_toml
-        self.found = self._reader.last_sample()  # what was there before we came
-        self._last = max(0, self.found - backlog)
-        self._event = 0
-        self._session, self._zero_s = 0, math.nan
-        source = self._reader.attrs.get("source")
-        self.source = None if source is None else str(source)
-
-    def look(self) -> News:
-        """Return what is new, at most 4000 rows at a time."""
-        reader = self._reader
-        end = min(reader.last_sample(), self._last + _MOST_ROWS)
-        rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
-        self._last = max(self._last, end)
-        events, times = reader.events(self._event), reader.event_times(self._event)
-        if events:
-            self._event = events[-1][0]
-        touched = any(isinstance(event, Contact) for _, event in events)
-        contact = reader.tendons_at_contact() if touched else None
-        if rows and (session := reader.session(self._last)) != self._session:
-            newest = journal_spans(reader)[-1]
-            self._session, self._zero_s = session, newest.clock_s - newest.begin_s
-        return News(rows, events, reader.newest_stretch(), reader.count_finished(), self._zero_s, contact, times)
-
-    def close(self) -> None:
-        """Give the file back."""
-        self._reader.close()
 
 
 FRAME_S = 1 / 32
@@ -339,7 +281,7 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_POINTS = "Points: mean and 90 % interval over repeats."
+_POINTS = "Points: mean and 90 % interval, over the repeats, or where there is one over its periods."
 _BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
 _COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (

@@ -540,6 +540,7 @@ class Steward:
         self._page = self._page_process()
         self._ends = ExitStack()
         self.hurry = threading.Event()
+        self._keeping = threading.Lock()
 
     def __enter__(self) -> "Steward":
         with ExitStack() as ends:
@@ -609,6 +610,11 @@ class Steward:
 
     def keep(self, command: SteeringCommand) -> str:
         """Note a run, or rename, put away or take back one that has ended; return a sentence. Raises RefusedError."""
+        with self._keeping:
+            return self._kept(command)
+
+    def _kept(self, command: SteeringCommand) -> str:
+        """Return what `keep` does, one command at a time: a note goes into the bin with its run, and not beside it."""
         name, to = command.name or "", command.to or "" if command.command == "rename" else None
         if command.command == "note":
             return note_run(self._runs, name, command.notes or "", command.tags or [])

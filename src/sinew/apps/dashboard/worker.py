@@ -87,6 +87,7 @@ CALLS = {
     "suggest_pretension": Call(f"{_WORK}.design", "sketch", 2 * _SHORT_S),
     "prediction_for_plan": Call(f"{_WORK}.design", "heavy", _LONG_S),
     "run_results": Call(f"{_WORK}.results", "heavy", _LONG_S),
+    "prediction_of_run": Call(f"{_WORK}.results", "heavy", _LONG_S),
     "download": Call(f"{_WORK}.results", "heavy", _LONG_S),
 }
 """What can be called, by name."""

@@ -20,8 +20,9 @@ const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PER
 // The joint in its card: turned by mouse, touch and keys, its deformation drawn larger than it is, tensions as numbers,
 // and its last periods slowly.
 export class JointView {
-  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly.
-  constructor(component, traces) {
+  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly. eye: where it is seen from
+  // at first, which the scene itself may not know yet.
+  constructor(component, traces, eye) {
     Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, isSeen: true, mean: { pitch: 0, roll: 0 } });
     this.box = document.getElementById("sinew-joint");
     const slider = document.getElementById("sinew-exaggeration"), slowly = document.getElementById("sinew-slow");
@@ -36,11 +37,14 @@ export class JointView {
       slowly.setAttribute("aria-pressed", String(this.slow !== null));
     });
     this.box.addEventListener("keydown", (event) => this.key(event));
+    // The wheel scrolls the page, unless the joint has the focus or Ctrl is held, as it does over the oscilloscope.
+    this.box.addEventListener("wheel", (event) => { if (!event.ctrlKey && !this.box.contains(document.activeElement)) event.stopPropagation(); }, true);
+    document.getElementById("sinew-joint-home").addEventListener("click", () => this.home());
     this.fov = component.camera.fov;
     new ResizeObserver(() => this.fit()).observe(this.box);
     new IntersectionObserver(([one]) => { this.isSeen = one.isIntersecting; }).observe(this.box);
     this.fit();
-    this.start = component.camera.position.clone();
+    this.start = component.camera.position.clone().set(...eye);
     this.drawWhenNew();
   }
 
@@ -95,13 +99,20 @@ export class JointView {
     const { camera, controls } = this.component;
     if (event.ctrlKey || event.altKey || event.metaKey || !(event.key in turns || event.key === "Home")) return;
     event.preventDefault();
-    if (event.key === "Home") camera.position.copy(this.start);
+    if (event.key === "Home") this.home();
     else {
       const [around, up, nearer] = turns[event.key], from = camera.position.clone().sub(controls.target);
       const long = from.length() * nearer, azimuth = Math.atan2(from.y, from.x) + around;
       const polar = Math.min(Math.PI - 0.05, Math.max(0.05, Math.acos(from.z / from.length()) + up));
       camera.position.set(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar)).multiplyScalar(long).add(controls.target);
     }
+    camera.lookAt(controls.target);
+  }
+
+  // It is seen from where it was at first.
+  home() {
+    const { camera, controls } = this.component;
+    camera.position.copy(this.start);
     camera.lookAt(controls.target);
   }
 

@@ -10,6 +10,13 @@ const $ = (id) => document.getElementById(id);
 export const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const fixed = (value, digits) => value === undefined || value === null || !Number.isFinite(value) ? "–" : value.toFixed(digits);
 
+// What the server answers; it throws what it says is wrong, in words also where the server has none.
+async function read(path) {
+  const answer = await fetch(path), said = await answer.json().catch(() => ({ sentence: "it could not be read just now" }));
+  if (!answer.ok) throw new Error(said.sentence);
+  return said;
+}
+
 // Pieces of a run, those that were looked at last. news: is called when one has come.
 export class Pieces {
   constructor(name, news) {
@@ -20,10 +27,8 @@ export class Pieces {
   // What there is of the run; asked again while it is under way.
   async reach() {
     try {
-      const answer = await fetch(`/samples/${this.name}/about`);
-      const said = await answer.json();
-      if (!answer.ok) throw new Error(said.sentence);
-      this.about = said; this.trouble = "";
+      this.about = await read(`/samples/${this.name}/about`);
+      this.trouble = "";
     } catch (error) { this.trouble = String(error.message); }
     this.news();
     return this.about;
@@ -59,9 +64,7 @@ export class Pieces {
     this.underWay.add(key);
     const [level, number] = key.split("/").map(Number);
     try {
-      const answer = await fetch(`/samples/${this.name}/piece?level=${level}&number=${number}`);
-      const said = await answer.json();
-      if (!answer.ok) throw new Error(said.sentence);
+      const said = await read(`/samples/${this.name}/piece?level=${level}&number=${number}`);
       const rows = (table) => table.map((row) => Float32Array.from(row, (v) => v ?? NaN));
       const low = rows(said.low), isOpen = this.about.is_running && (number + 1) * this.long(level) > said.until_s;
       this.kept.set(key, { time: Float64Array.from(said.time), low, high: said.high ? rows(said.high) : low, share: said.share, isOpen, came: performance.now() });

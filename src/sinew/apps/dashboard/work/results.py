@@ -1,5 +1,6 @@
 """Results of a run: of one that has ended made once and read from then on, of one under way group by group."""
 
+import hashlib
 import json
 import math
 import zipfile
@@ -291,6 +292,31 @@ def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
             values = results[quantity].values[p][None]
             if np.isfinite(values).any():
                 yield _row(float(pretension), quantity, _mean_of(values, np.full(values.shape, np.nan)))
+
+
+_PREDICTION = "prediction.json"
+
+
+def prediction_of_run(folder: Path | str) -> dict[str, Any]:
+    """Return what was to be expected of a run that has a journal: `plan` and `rig`, its texts, and `curves` as of
+    `prediction_for_plan`; computed once for both. Raises FileError where there is no journal."""
+    from sinew.apps.console import write_json
+    from sinew.apps.dashboard.work.design import prediction_for_plan
+    from sinew.bench.record.journal import JournalReader
+
+    folder = unlinked(Path(folder))
+    with JournalReader(folder / JOURNAL) as journal:
+        plan, rig = journal.plan_toml, journal.rig_toml
+    stamp = [_VERSION, hashlib.sha256(f"{plan}\0{rig}".encode()).hexdigest()]
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        stored = json.loads((folder / CACHE / _PREDICTION).read_text(encoding="utf-8"))
+        if stored["stamp"] == stamp:
+            return dict(stored["prediction"])
+    found = {"plan": plan, "rig": rig, "curves": prediction_for_plan(plan, rig)["curves"]}
+    with suppress(SinewError, OSError):
+        (folder / CACHE).mkdir(exist_ok=True)
+        write_json({"stamp": stamp, "prediction": found}, folder / CACHE / _PREDICTION)
+    return found
 
 
 # A run's files are made for who takes them along.
