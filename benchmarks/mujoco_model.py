@@ -233,10 +233,18 @@ POSES[12.0] = (Pose(bend_deg=10.0, azimuth_deg=45.0), Pose(bend_deg=30.0, azimut
 
 
 def main(arguments: Sequence[str] = ()) -> None:
-    """Print resonance, damping and rest poses of the exported joint in MuJoCo beside the twin's."""
+    """Print resonance, damping and rest poses of the exported joint in MuJoCo beside the twin's; `resonance` and `rest`
+    print one half."""
     if importlib.util.find_spec("mujoco") is None:
         print("MuJoCo is not installed: skipped")
         return
+    if "rest" not in arguments:
+        _print_resonances()
+    if "resonance" not in arguments:
+        _print_rests()
+
+
+def _print_resonances() -> None:
     paper = load_rig("paper")
     rigs = {"paper": paper, "softer, heavier": changed(paper, silicone__torsional_rigidity=0.22, inertia__lever=0.0105)}
     print(f"the exported joint in MuJoCo beside the twin, {PIECES} pieces, {COMMAND_DEG:g} deg; wanted: f_r within 2 %")
@@ -253,6 +261,9 @@ def main(arguments: Sequence[str] = ()) -> None:
                 f"   {c.damping:.4f}±{c.damping_std:.4f} {d.damping:.4f}±{d.damping_std:.4f}"
                 f"  {100 * found.damping_off:+5.1f} %"
             )
+
+
+def _print_rests() -> None:
     print("where the head rests, motors taking up what the twin's do: bend/deg, place/mm, tensions/N")
     for name in ("paper", "curved"):
         for p, poses in POSES.items():
