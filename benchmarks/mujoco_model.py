@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from sinew.measure.arrays import Array
+from sinew.measure.schema import SegmentKind
 from sinew.mechanics.space import twist_and_tilt
 from sinew.plan.plan import Group
 from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing
@@ -63,7 +64,7 @@ def swung(bodies: Bodies, frequency_hz: float, seconds: float, stop_s: float = m
 
 def twins(rig: RigSpec, pretension_mm: float, frequencies: Sequence[float], ring_down: bool = False) -> list[Array]:
     """Return the twin's torsion [rad] at `SAMPLE_HZ` at each frequency of the drive [Hz]."""
-    kind = "ring-down" if ring_down else "steady"
+    kind: SegmentKind = "ring-down" if ring_down else "steady"
     groups = [
         Group(kind, pretension_mm, f, COMMAND_DEG, 0, stop_time(f) if ring_down else SETTLE_S, KEPT_S)
         for f in frequencies
@@ -157,7 +158,7 @@ def resonance_beside(rig: RigSpec, pretension_mm: float, *, sway: bool = True, p
     """Return resonance and decay of the twin and of MuJoCo. The exported guides are those of the twin's swing at its
     resonance, and for the decay of a quarter of it."""
     first = joint_bodies(rig, pretension_mm, sway=False)
-    grid = first.torsion_hz + GRID_HZ * np.arange(-5, 4)
+    grid = np.asarray(first.torsion_hz + GRID_HZ * np.arange(-5, 4), dtype=np.float64)
     ours = peak(grid, np.array([amplitude(one) for one in twins(rig, pretension_mm, list(grid))]))
     made = [
         joint_bodies(rig, pretension_mm, swing_deg=math.degrees(share * ours.amplitude), sway=sway, pieces=pieces)
