@@ -31,6 +31,7 @@ from sinew.measure.files.tables import export_table as export_table
 from sinew.measure.read import Looked as Looked
 from sinew.measure.read import look as look
 from sinew.measure.read import read as read
+from sinew.measure.tasks import Spread as Spread
 from sinew.mechanics.guides import Dahl as Dahl
 from sinew.mechanics.guides import MaxwellSlip as MaxwellSlip
 from sinew.mechanics.laws import BoucWen as BoucWen

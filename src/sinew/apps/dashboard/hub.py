@@ -75,8 +75,8 @@ class Ring:
         return self._table[:, np.arange(first, max(first, end)) % self._table.shape[1]]
 
 
-FRAME_S = 1 / 30
-"""Time between two frames [s]."""
+FRAME_S = 1 / 32
+"""Time between two frames [s]: a few more than the 30 a second that are to be drawn: two may reach a page at once."""
 
 _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz
@@ -140,6 +140,7 @@ class Hub:
         # A connection of SQLite belongs to its thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._epoch = 0
+        self._ticked = asyncio.Event()
         self.live: Live | None = None
         self.steward: Status | None = None
         self.trouble = ""
@@ -173,6 +174,12 @@ class Hub:
         self._take(self.live, news)
         waiting = self.live.ring.count - self.live.played
         self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
+        self._ticked.set()
+        self._ticked = asyncio.Event()  # who waits from now on waits for the next
+
+    async def ticked(self) -> None:
+        """Wait until the journal was looked at once more."""
+        await self._ticked.wait()
 
     async def _watch_steward(self) -> None:
         while True:
@@ -274,7 +281,7 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_POINTS = "Points: mean and 90 % interval over repeats."
+_POINTS = "Points: mean and 90 % interval, over the repeats, or where there is one over its periods."
 _BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
 _COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
@@ -534,7 +541,6 @@ async def serve_stream(socket: WebSocket, hub: Hub) -> None:
 async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Task[None]") -> None:
     loop = asyncio.get_running_loop()
     told = -_STATE_S
-    due = loop.time()
     while not listening.done():
         frame = frame_of(hub.live, view) if hub.live is not None else None
         if frame is not None:
@@ -542,8 +548,8 @@ async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Ta
         if loop.time() - told >= _STATE_S:
             told = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
-        due = max(due + FRAME_S, loop.time())
-        await asyncio.sleep(due - loop.time())
+        with suppress(TimeoutError):
+            await asyncio.wait_for(hub.ticked(), _STATE_S)
 
 
 async def _listen(socket: WebSocket, view: View) -> None:

@@ -26,8 +26,8 @@ _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textas
 _MATHS = {
     "λ": r"\lambda", "ω": r"\omega", "τ": r"\tau", "π": r"\pi", "φ": r"\varphi", "θ": r"\theta", "Ω": r"\Omega",
     "β": r"\beta", "δ": r"\delta", "σ": r"\sigma", "√": r"\surd", "−": "-", "≈": r"\approx", "⟨": r"\langle",
-    "½": r"\frac12",
     "⟩": r"\rangle", "·": r"\cdot", "±": r"\pm", "×": r"\times", "°": r"{}^\circ", "²": "^2", "³": "^3",
+    "½": r"\frac12",
 }  # fmt: skip
 """What texts of results have beyond plain letters, so that any LaTeX takes it."""
 _SPECIAL |= {sign: f"${macro}$" for sign, macro in _MATHS.items()}

@@ -311,9 +311,9 @@ class _OfJournal:
 
 
 def journal_spans(journal: JournalReader) -> list[Span]:
-    """Return the stretches of one clock in a journal: one of each time that a run wrote there."""
+    """Return the stretches of one clock in a journal: one of each time that a run wrote there; none before a sample."""
     firsts = journal.first_samples()
-    ends = [*firsts[1:], journal.last_sample() + 1]
+    ends = [*firsts[1:], journal.last_sample() + 1][: len(firsts)]
     parts = [(a - 1, b - 1, journal.clock(a), journal.clock(b - 1)) for a, b in zip(firsts, ends, strict=True)]
     return _joined(parts)
 
