@@ -25,9 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from sinew import __version__
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
-from sinew.measure.files.netcdf import write_text
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
 from sinew.mechanics.rod import STRAINS, TERMS, section_springs

@@ -13,10 +13,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import UNKNOWN, number, parenthesised
-from sinew.measure.files.netcdf import write_text
 
 FORMATS = {"latex": ".tex", "csv": ".csv"}
 
