@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -51,7 +51,8 @@ _PATIENCE_S = 60.0
 _CONNECT_S = 3.0
 
 _TRIES = 3
-"""How often processes of this computer may end, with no result in between, until a task is taken for the cause."""
+"""How often processes may end, or Dask give a task up whose workers died, with no result in between, until the task is
+taken for the cause."""
 
 
 @dataclass(frozen=True)
@@ -267,20 +268,32 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
 def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int, T]) -> Iterator[tuple[int, R]]:
     """Yield (place, result) as they come. Raises _LostError where the scheduler is gone."""
     from distributed import as_completed as completed
+    from distributed.scheduler import KilledWorker
 
-    places, tasks = list(waiting), list(waiting.values())
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
-        futures = client.map(function, tasks, pure=False)
-    place_of = dict(zip((future.key for future in futures), places, strict=True))
-    for future, result in completed(futures, loop=client.loop, with_results=True, raise_errors=False):
+    place_of: dict[Any, int] = {}
+
+    def handed(places: Sequence[int]) -> "list[Future]":
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
+            futures = client.map(function, [waiting[place] for place in places], pure=False)
+        place_of.update(zip((future.key for future in futures), places, strict=True))
+        return list(futures)
+
+    tries = 0
+    coming = completed(handed(list(waiting)), loop=client.loop, with_results=True, raise_errors=False)
+    for future, result in coming:
+        place = place_of[future.key]
         if future.status == "finished":
-            yield place_of[future.key], result
+            tries = 0
+            yield place, result
             future.release()
-        elif future.status == "error":
-            _raise_of(result[1])
-        else:
+        elif future.status != "error":
             raise _LostError
+        elif isinstance(result[1], KilledWorker) and tries < _TRIES:  # by itself, or by chance: that is not known
+            tries += 1
+            coming.update(handed([place]))
+        else:
+            _raise_of(result[1])
 
 
 def _raise_of(error: BaseException) -> None:
