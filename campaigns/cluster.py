@@ -200,8 +200,8 @@ def _write(log: Path, what: str, number: int) -> None:
         file.write(f"{time.monotonic()} {what} {number} {os.getpid()}\n")
 
 
-def design_and_poses(log: Path) -> list[Job]:
-    """Return jobs of a design (search, exact evaluation) and of a pose map, each of seconds."""
+def design_and_poses(log: Path, each: int) -> list[Job]:
+    """Return jobs of a design (search, exact evaluation) and of a pose map, each of seconds; so many of each."""
     from sinew.plan.toml import dump_rig, load_rig
     from sinew.predict.joints.design import shear_modulus_of
     from sinew.predict.workspace import fill_strip, planes_of
@@ -210,9 +210,9 @@ def design_and_poses(log: Path) -> list[Job]:
 
     rig, target = load_rig("paper"), DesignTarget((0.7, 1.1), 7.0, 0.25)
     text, base = dump_rig(rig), {"base": shear_modulus_of(rig)}
-    blocks = blocks_of(text, target, base, ["circle", "annulus", "ellipse", "circle"], 64, 0)
-    drafts = drafts_of([search_block(blocks[0])], text, target, 3)
-    strips = [strip for plane in planes_of(rig, [0.0, 6.0], 2.5, "position") for strip in plane.strips()]
+    blocks = blocks_of(text, target, base, ["circle", "annulus", "ellipse", "circle"], 64, 0)[:each]
+    drafts = drafts_of([search_block(blocks[0])], text, target, each)
+    strips = [strip for plane in planes_of(rig, [0.0, 6.0], 2.5, "position") for strip in plane.strips()][:each]
     work = [(search_block, one) for one in blocks] + [(propose, one) for one in drafts]
     work += [(fill_strip, one) for one in strips]
     return [Job(function, task, number, log) for number, (function, task) in enumerate(work)]
@@ -258,9 +258,9 @@ def cost_of(jobs: Sequence[Job], spread: Spread, workers: int, others: Callable[
     return Cost(workers, took[1], sum(seconds), took[0], digests)
 
 
-def measure(folder: Path, counts: Sequence[int]) -> list[Cost]:
+def measure(folder: Path, counts: Sequence[int], each: int) -> list[Cost]:
     """Return the costs here and on clusters of some sizes, each after everything was compiled or read."""
-    jobs = design_and_poses(folder / "jobs.log")
+    jobs = design_and_poses(folder / "jobs.log", each)
     list(each_task(run_job, jobs))
     costs = [cost_of(jobs, HERE, 0)]
     for count in counts:
@@ -448,6 +448,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its tables, and return the exit status."""
     parser = campaign_parser("cluster", __doc__, count=50, of="kills")
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2, 4], help="sizes of the clusters [1 2 4]")
+    parser.add_argument("--each", type=int, default=4, help="tasks of each kind whose cost is measured, up to 4 [4]")
     parser.add_argument("--for-s", type=float, default=150.0, help="kills end after this time, whatever is left [150]")
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing that was begun is left behind
@@ -456,7 +457,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     document: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         if given.workers:
-            costs = measure(Path(folder), given.workers)
+            costs = measure(Path(folder), given.workers, given.each)
             print(table(costs), flush=True)
             wrong += costs_wrong(costs)
             document["costs"] = [one._asdict() for one in costs]

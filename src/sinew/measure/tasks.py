@@ -43,10 +43,10 @@ DEVICE = "SINEW_DEVICE"
 DEVICES = ("cpu", "gpu")
 
 _TIMEOUT_S = 20.0
-"""How long a scheduler, or its first worker, is waited for."""
+"""How long a scheduler is waited for."""
 
 _PATIENCE_S = 60.0
-"""The same where there was one before."""
+"""The same where there was one before, and for its first worker."""
 
 _CONNECT_S = 3.0
 
@@ -257,7 +257,7 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
                 ) from error
     with client:
         try:
-            client.wait_for_workers(1, timeout=max(1.0, until - time.monotonic()))
+            client.wait_for_workers(1, timeout=_PATIENCE_S)
         except OSError as error:
             raise SpecError(
                 f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){kept}"
