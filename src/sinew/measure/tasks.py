@@ -5,6 +5,7 @@ does not depend on who computes it, nor on how many do, and may be asked of anot
 some milliseconds for each; tasks of seconds to minutes are what it is for.
 """
 
+import asyncio
 import hashlib
 import io
 import logging
@@ -14,7 +15,7 @@ import sqlite3
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -280,20 +281,28 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
         return list(futures)
 
     tries = 0
-    coming = completed(handed(list(waiting)), loop=client.loop, with_results=True, raise_errors=False)
-    for future, result in coming:
-        place = place_of[future.key]
-        if future.status == "finished":
+    # Not `with_results`: where the scheduler goes while a result is fetched, such a result would be waited for for ever.
+    coming = completed(handed(list(waiting)), loop=client.loop)
+    for batch in coming.batches():
+        here = [future for future in batch if future.status == "finished"]
+        try:
+            results = client.gather(here)
+        except (OSError, asyncio.CancelledError, CancelledError) as error:
+            raise _LostError from error
+        for future, result in zip(here, results, strict=True):
             tries = 0
-            yield place, result
+            yield place_of[future.key], result
             future.release()
-        elif future.status != "error":
-            raise _LostError
-        elif isinstance(result[1], KilledWorker) and tries < _TRIES:  # by itself, or by chance: that is not known
-            tries += 1
-            coming.update(handed([place]))
-        else:
-            _raise_of(result[1])
+        for future in batch:
+            if any(future is one for one in here):
+                continue
+            if future.status != "error":
+                raise _LostError
+            error = future.exception()
+            if not isinstance(error, KilledWorker) or tries == _TRIES:
+                _raise_of(error)
+            tries += 1  # by itself, or by chance: that is not known
+            coming.update(handed([place_of[future.key]]))
 
 
 def _raise_of(error: BaseException) -> None:
