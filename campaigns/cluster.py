@@ -276,8 +276,16 @@ def measure(folder: Path, counts: Sequence[int], each: int) -> list[Cost]:
 def _await_workers(cluster: Cluster) -> None:
     from distributed import Client
 
-    with Client(cluster.address, timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(cluster.count, timeout=120)
+    until = time.monotonic() + 120
+    while True:
+        try:
+            with Client(cluster.address, timeout=5, set_as_default=False) as client:
+                client.wait_for_workers(cluster.count, timeout=120)
+            return
+        except OSError:  # it is not there yet
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.2)
 
 
 def table(costs: Sequence[Cost]) -> str:

@@ -14,7 +14,7 @@ import pickle
 import sqlite3
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
@@ -85,7 +85,7 @@ class Spread:
             raise SpecError(f"found the device {self.device!r}, expected one of {', '.join(DEVICES)}")
 
 
-HERE = Spread()
+HERE: Spread = Spread()
 """In this process, one task after the other, nothing kept."""
 
 
@@ -133,6 +133,7 @@ def each_task(
                     told()
                     yield place, pickle.loads(blob)
         do = partial(_do, function, spread.device)
+        come: Generator[tuple[int, R], None, None]
         if spread.scheduler is not None:
             come = _on_cluster(partial(_do_there, function, spread.device, source), waiting, spread.scheduler)
         elif spread.workers > 1 and len(waiting) > 1:
@@ -154,7 +155,7 @@ def _do(function: Callable[[T], R], device: str, task: T) -> R:
     return function(task)
 
 
-def _do_there(function: Callable[[T], R], device: str, source: str, task: T) -> R:
+def _do_there(function: Callable[[T], R], device: str, source: str | None, task: T) -> R:
     """Return a task's result, computed on a worker. Raises SpecError where it would be another program's."""
     os.environ.setdefault(CORES, "1")
     if source_of(function) != source:
@@ -168,7 +169,9 @@ def _do_there(function: Callable[[T], R], device: str, source: str, task: T) -> 
 # ---- processes of this computer
 
 
-def _in_processes(function: Callable[[T], R], waiting: dict[int, T], workers: int) -> Iterator[tuple[int, R]]:
+def _in_processes(
+    function: Callable[[T], R], waiting: dict[int, T], workers: int
+) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
     share, tries = max(1, cores() // workers), 0
     while waiting:
@@ -220,7 +223,9 @@ class _LostError(Exception):
     """The scheduler went, and with it all that it knew."""
 
 
-def _on_cluster(function: Callable[[T], R], waiting: dict[int, T], address: str) -> Iterator[tuple[int, R]]:
+def _on_cluster(
+    function: Callable[[T], R], waiting: dict[int, T], address: str
+) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) as they come. Dask asks others for what a worker that died was at; where the scheduler
     dies, a new one at the same address is handed what is not here yet."""
     begun = False
@@ -256,6 +261,7 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
                     f"found no Dask scheduler at {address} within {patience:g} s; start one (dask scheduler) and give "
                     f"its address, as tcp://host:8786{kept}"
                 ) from error
+            time.sleep(0.1)
     with client:
         try:
             client.wait_for_workers(1, timeout=_PATIENCE_S)
@@ -281,7 +287,7 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
         return list(futures)
 
     tries = 0
-    # Not `with_results`: where the scheduler goes while a result is fetched, such a result would be waited for for ever.
+    # Not `with_results`: a result that was being fetched when the scheduler went would be waited for for ever.
     coming = completed(handed(list(waiting)), loop=client.loop)
     for batch in coming.batches():
         here = [future for future in batch if future.status == "finished"]
@@ -298,9 +304,9 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
                 continue
             if future.status != "error":
                 raise _LostError
-            error = future.exception()
-            if not isinstance(error, KilledWorker) or tries == _TRIES:
-                _raise_of(error)
+            raised = future.exception()
+            if not isinstance(raised, KilledWorker) or tries == _TRIES:
+                _raise_of(raised)
             tries += 1  # by itself, or by chance: that is not known
             coming.update(handed([place_of[future.key]]))
 
