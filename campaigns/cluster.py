@@ -216,7 +216,9 @@ def design_and_poses(log: Path, each: int) -> list[Job]:
     blocks = blocks_of(text, target, base, ["circle", "annulus", "ellipse", "circle"], 64, 0)[:each]
     drafts = drafts_of([search_block(blocks[0])], text, target, each)
     strips = [strip for plane in planes_of(rig, [0.0, 6.0], 2.5, "position") for strip in plane.strips()][:each]
-    work = [(search_block, one) for one in blocks] + [(propose, one) for one in drafts]
+    work: list[tuple[Callable[[Any], Any], Any]] = [(search_block, one) for one in blocks] + [
+        (propose, one) for one in drafts
+    ]
     work += [(fill_strip, one) for one in strips]
     return [Job(function, task, number, log) for number, (function, task) in enumerate(work)]
 
