@@ -29,8 +29,8 @@ answers: reproduce ## the paper's open questions asked of that campaign: out/rep
 wheel: $(VENV)/.dev ## sdist and wheel in dist/, tried in an empty environment of each of PYTHONS="python3.11 ..." (some minutes each)
 	$(BIN)/python tools/try_wheel.py $(PYTHONS)
 
-screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, from Chromium (a minute or two)
-	$(BIN)/python tools/take_screenshots.py docs/pictures
+screenshots: $(VENV)/.dev ## every page and state of the dashboard as pictures of README and docs, from Chromium (some minutes)
+	$(BIN)/python -m tools.take_screenshots docs/pictures/dashboard
 
 # Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
 # fusion emitters; no number of `make reproduce` moved by 1e-9. Files of tests run in their order, for by number of tests

@@ -44,7 +44,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "furo"
-html_title = f"Sinew {version}"
+html_title = "Sinew"
 html_math_renderer = "mathtext"
 html_static_path = ["_static"]
 html_css_files = ["sinew.css"]

@@ -36,7 +36,7 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.files.netcdf import write_text  # xarray: half a second
+    from sinew.measure.doors import write_text
 
     write_text(path, _json_text(document))
 
