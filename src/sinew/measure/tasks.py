@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -230,14 +230,11 @@ def _on_cluster(
     dies, a new one at the same address is handed what is not here yet."""
     begun = False
     while waiting:
-        with _client(address, begun) as client:
+        with suppress(_LostError), _client(address, begun) as client:
             begun = True
-            try:
-                for place, result in _gathered(client, function, waiting):
-                    del waiting[place]
-                    yield place, result
-            except _LostError:
-                continue
+            for place, result in _gathered(client, function, waiting):
+                del waiting[place]
+                yield place, result
 
 
 @contextmanager
@@ -265,10 +262,12 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
     with client:
         try:
             client.wait_for_workers(1, timeout=_PATIENCE_S)
-        except OSError as error:
+        except TimeoutError as error:
             raise SpecError(
                 f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){kept}"
             ) from error
+        except OSError as error:
+            raise _LostError from error
         yield client
 
 
