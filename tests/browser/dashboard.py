@@ -91,12 +91,12 @@ def choose_plan(page: Any, name: str) -> None:
     raise AssertionError(f"no plan {name} can be chosen")
 
 
-def findings(page: Any) -> list[tuple[str, str, str]]:
-    """Return whatever axe-core finds in a page, however small."""
+def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]:
+    """Return whatever axe-core finds in a page, or within a part of it, however small."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
     return [
         (rule["id"], node["html"][:160], node["failureSummary"][:200])
-        for rule in axe.Axe().run(page).response["violations"]
+        for rule in axe.Axe().run(page, within).response["violations"]
         for node in rule["nodes"]
     ]
 
