@@ -34,7 +34,7 @@ rest_s = 0.5
 frequency_hz = [2.5, 2.8, 3, 3.2, 3.4, 3.6, 4]
 settle_s = 1
 periods = 4
-repeats = 5
+repeats = 12
 """
 MADE_RUNS, YEAR_S = 6, 366 * 86400
 PROGRESS = "parseInt(document.querySelector('#sinew-progress-text').textContent)"
@@ -101,8 +101,7 @@ def take_live(camera: Camera, base: str) -> None:
     page.wait_for_selector("#sinew-notice-begins")
     camera.take("live-preparing")
     page.wait_for_selector("#sinew-notice-ended.good")
-    page.wait_for_selector("#sinew-verdict >> text=judged values", timeout=3 * PATIENCE_MS)
-    page.wait_for_timeout(10 * SETTLED_MS)  # the last points are analysed after the end
+    page.wait_for_selector("#sinew-verdict >> text=12 judged values", timeout=3 * PATIENCE_MS)
     camera.take("live-complete", whole=True)
     page.click("#sinew-open-last")
     page.wait_for_selector("a[data-kind=csv]")
@@ -125,11 +124,13 @@ def take_stops(camera: Camera, base: str) -> None:
     for drawn in ("measured", "predicted"):
         page.wait_for_selector(f".nicegui-echart >> nth=0 >> text={drawn}")
     camera.take("live-running", whole=True)
-    camera.take("live-running-dark", theme="dark")
-    camera.take("live-phone", size=PHONE)
     page.click("#sinew-pause")
     page.wait_for_function("Sinew.status().run?.state === 'paused'")
     camera.take("live-paused")
+    page.click("#sinew-resume")
+    page.wait_for_function("Sinew.status().run?.state === 'running'")
+    camera.take("live-running-dark", theme="dark")
+    camera.take("live-phone", size=PHONE)
     page.click("#sinew-stop")
     page.wait_for_selector("#sinew-go-on:not([disabled])")
     camera.take("live-ended-early")
