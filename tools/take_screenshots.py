@@ -107,7 +107,7 @@ def take_live(camera: Camera, base: str) -> None:
     page.wait_for_selector("a[data-kind=csv]")
     camera.take("run", whole=True)
     page.click("a[href$='/samples']")
-    page.wait_for_function("document.body.dataset.samples === 'shown'")
+    page.wait_for_function("document.body?.dataset.samples === 'shown'")
     chosen = page.locator("#sinew-segment option", has_text="steady").first.get_attribute("value")
     page.select_option("#sinew-segment", chosen)
     page.click("#sinew-cursors")
@@ -224,14 +224,17 @@ def make_archive(runs: Path) -> None:
         os.utime(path, (at, at))
 
 
-def take_all(browser: Browser, folder: Path, dashboard: Served) -> None:
-    """Take every picture."""
+PARTS = {"live": take_live, "stops": take_stops, "plan": take_plan, "runs": take_runs, "design": take_design}
+
+
+def take_parts(browser: Browser, folder: Path, dashboard: Served, parts: list[str]) -> None:
+    """Take the pictures of some parts, and of who did not sign in."""
     with opened(browser) as page:
         page.goto(dashboard.link)
         page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
         camera = Camera(page, folder)
-        for taken in (take_live, take_stops, take_plan, take_runs, take_design):
-            taken(camera, dashboard.base)
+        for part in parts:
+            PARTS[part](camera, dashboard.base)
     take_others(browser, folder, dashboard.base)
 
 
@@ -239,7 +242,9 @@ def main(arguments: list[str]) -> int:
     """Take the pictures; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    folder: Path = parser.parse_args(arguments).folder
+    parser.add_argument("--only", nargs="*", choices=PARTS, default=list(PARTS), help="which parts to take anew")
+    asked = parser.parse_args(arguments)
+    folder: Path = asked.folder
     if CHROMIUM is None:
         print("found no chromium; apt-get install chromium", file=sys.stderr)
         return 2
@@ -251,7 +256,7 @@ def main(arguments: list[str]) -> int:
         (runs / "plans" / "demonstration.toml").write_text(LONG, encoding="utf-8")
         with served(runs, "--emulate") as dashboard:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *IN_SPACE])
-            take_all(browser, folder, dashboard)
+            take_parts(browser, folder, dashboard, asked.only)
             browser.close()
         log = (runs / ".bench" / "page.log").read_text(encoding="utf-8")
     if "Traceback" in log:
