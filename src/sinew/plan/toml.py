@@ -14,6 +14,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from sinew.measure.doors import write_text
 from sinew.measure.errors import SpecError
 from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
@@ -454,18 +455,12 @@ def dump_plan(plan: Plan) -> str:
 
 def save_rig(rig: RigSpec, path: Path, head: Sequence[str] = ()) -> None:
     """Write a rig file, atomically; head: lines of comment before it. Raises FileError where it cannot be written."""
-    _save("".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig), path)
+    write_text(path, "".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig))
 
 
 def save_plan(plan: Plan, path: Path) -> None:
     """Write a plan file, atomically. Raises FileError where it cannot be written."""
-    _save(dump_plan(plan), path)
-
-
-def _save(text: str, path: Path) -> None:
-    from sinew.measure.files.netcdf import write_text  # xarray: half a second
-
-    write_text(path, text)
+    write_text(path, dump_plan(plan))
 
 
 def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:

@@ -12,6 +12,7 @@ from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -236,7 +237,8 @@ class _Sliders:
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
         asked = [self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
-        return await self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        call = self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        return await unless_left(call, ui.context.client.disconnected())
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""

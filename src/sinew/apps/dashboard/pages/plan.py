@@ -15,6 +15,7 @@ from nicegui import events, ui
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
+from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
 from sinew.plan.toml import MOST_CHARACTERS, parse_plan
@@ -210,7 +211,8 @@ class _Desk:
 
     async def _tried(self, name: str, *arguments: Any) -> dict[str, Any] | None:
         try:
-            told: dict[str, Any] | None = await self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+            asked = self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+            told: dict[str, Any] | None = await unless_left(asked, ui.context.client.disconnected())
         except SinewError as trouble:
             return {"trouble": str(trouble)}
         return told

@@ -1,7 +1,8 @@
 """The page of past runs: searched, noted, named, put away; opened, laid over one another, compared and downloaded."""
 
 import json
-from collections.abc import Awaitable, Callable
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 from urllib.parse import urlencode
 
@@ -16,6 +17,7 @@ from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
 from sinew.apps.dashboard.pages.frame import Site, card, clock_time, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, why_not
+from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
 from sinew.plan.toml import parse_rig
@@ -153,18 +155,19 @@ class _List:
             return
         work, runs = self._site.work, str(self._site.runs)
         try:
-            found = await work.call("look_at_runs", runs, self._search, _MOST_ROWS, key=f"runs {id(self)}")
+            async for found in looks(work, runs, self._search, key=f"runs {id(self)}"):
+                if found is None or self._table.is_deleted:  # another search came after this one, or the page was left
+                    return
+                self._said.classes("sinew-soft", remove="sinew-bad")
+                self._said.set_text(_counted(found, bool(self._search)))
+                self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
+                rows = [row for row in self._table.rows if row["name"] in self._opened]
+                others = (row for row in self._table.selected if row["name"] not in self._opened)
+                self._table.selected = [*rows, *others]
         except SinewError as trouble:
             self._said.set_text(str(trouble))
             self._said.classes("sinew-bad", remove="sinew-soft")
             return
-        if found is None:  # another search came after this one
-            return
-        self._said.classes("sinew-soft", remove="sinew-bad")
-        self._said.set_text(_counted(found, bool(self._search)))
-        self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
-        rows = [row for row in self._table.rows if row["name"] in self._opened]
-        self._table.selected = [*rows, *(row for row in self._table.selected if row["name"] not in self._opened)]
         await self._draw_trend()
         names = await work.call("list_bin", runs)
         self._bin.clear()
@@ -187,6 +190,8 @@ class _List:
                 f"No run of the list tells the {QUANTITIES[self._quantity.value].words}: either it was not opened yet, "
                 "which has it analysed, or its plan does not determine it."
             )
+        if self._trend.is_deleted:
+            return
         self._trend.clear()
         with self._trend:
             if not found:
@@ -247,6 +252,20 @@ def _attribute(text: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "._-" else " " for letter in text)
 
 
+async def looks(work: Work, runs: str, query: str, key: str) -> AsyncIterator[dict[str, Any] | None]:
+    """Yield what `look_at_runs` says, again and again until every folder is read; None where another look came after.
+
+    Between two looks others that ask the worker have their turn.
+    """
+    left = math.inf
+    while True:
+        found = await work.call("look_at_runs", runs, query, _MOST_ROWS, key=key)
+        yield found
+        if found is None or not 0 < found["left"] < left:
+            return
+        left = found["left"]
+
+
 def _counted(found: dict[str, Any], is_search: bool) -> str:
     """Return how many runs are listed."""
     count, listed = found["count"], len(found["runs"])
@@ -254,7 +273,7 @@ def _counted(found: dict[str, Any], is_search: bool) -> str:
         return "There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks."
     said = f"{count} {'run' if count == 1 else 'runs'}{' found' if is_search else ''}"
     said += f", the newest {listed} are listed" if listed < count else ""
-    return f"{said}; {found['left']} folders are not read yet, search again" if found["left"] else said
+    return f"{said}; {found['left']} folders are not read yet" if found["left"] else said
 
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-// The live page: frames from the web socket, drawn 30 times a second where something is new, and grey with their age when they are old.
+// The live page: frames from the web socket, each drawn once, some 30 a second, and grey with their age when they are old.
 
 import { Lissajous, Traces } from "./scope.js";
 import { Oscilloscope, calm } from "./oscilloscope.js";
 import { JointView } from "./joint.js";
 import * as alarms from "./alarms.js";
 
-const FRAME_MS = () => calm.matches ? 500 : 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
+const FRAME_MS = () => calm.matches ? 500 : 1000 / 34, RETRY_MS = 1500, FRESH_S = 2;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
 const $ = (id) => document.getElementById(id);
 const traces = new Traces();
@@ -64,13 +64,14 @@ function take(frame) {
   document.body.dataset.samples = traces.count;
 }
 
+// A frame that comes late is drawn when it comes, and the next one at its time: none is left out to keep in step.
 function draw(at) {
   requestAnimationFrame(draw);
-  if (at - (draw.last ?? -1000) < FRAME_MS() - 2) return;
-  draw.last = at;
-  if (scope.render()) drawn++;
-  if (draw.joint !== traces.count) { draw.joint = traces.count; lissajous.render(); }
-  joint?.move(now, at);
+  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && draw.count !== traces.count;
+  if (isDrawn) drawn++;
+  if (isNews) { draw.count = traces.count; lissajous.render(); }
+  if (isDrawn || isNews || late > FRAME_MS()) { joint?.move(now, at); draw.due = Math.max(at, (draw.due ?? 0) + FRAME_MS()); }
+  joint?.paint(at, isDue);
   if (at - drawnSince > 1000) {
     const rate = 1000 * drawn / (at - drawnSince);
     document.body.dataset.fps = rate.toFixed(1);

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sinew.analysis.run_index import QUANTITIES
@@ -16,6 +17,7 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING, RESULTS, name_in
 from sinew.bench.record.journal import is_being_written
+from sinew.measure.doors import write_atomically
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
 
@@ -345,19 +347,17 @@ def download(folder: Path | str, kind: str) -> Path:
 
 def _csv(folder: Path, path: Path) -> None:
     from sinew.measure.files.export import export_csv
-    from sinew.measure.files.netcdf import write_atomically
 
-    table = path.with_name(f".{folder.name}.csv")
-    export_csv(load_own(folder), table)
+    path.parent.mkdir(exist_ok=True)
+    with TemporaryDirectory(dir=path.parent) as own:  # another process may make the same at the same time
+        table = Path(own) / f"{folder.name}.csv"
+        export_csv(load_own(folder), table)
 
-    def write(temporary: Path) -> None:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
-            packed.write(table, f"{folder.name}.csv")
+        def write(temporary: Path) -> None:
+            with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
+                packed.write(table, table.name)
 
-    try:
         write_atomically(path, write)
-    finally:
-        table.unlink(missing_ok=True)
 
 
 def _mat(folder: Path, path: Path) -> None:

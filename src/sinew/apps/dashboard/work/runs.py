@@ -23,6 +23,7 @@ from sinew.apps.dashboard.operators import (
     unlinked,
 )
 from sinew.bench.record.journal import is_being_written, summarise_journal
+from sinew.measure.doors import write_text
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan
@@ -31,7 +32,7 @@ from sinew.plan.toml import Shelf, list_shipped, parse_plan, parse_rig, read_spe
 
 RECORDING, RESULTS, NOTES = "recording.nc", "results.nc", "notes.json"
 _LOOKED_AT = (JOURNAL, f"{JOURNAL}-wal", RECORDING, RESULTS, NOTES)
-_READING_S = 20.0  # of a page's patience; what is not read then is read by the next look
+_READING_S = 2.0  # for so long a run's live curves wait behind a look; what is not read then is read by the next
 
 
 def list_runs(runs: Path | str, query: str = "", most: int | None = None) -> list[dict[str, Any]]:
@@ -309,8 +310,6 @@ def note_run(runs: Path, name: str, notes: str, tags: list[str]) -> str:
     if bad is not None or len(tags) > _MOST_TAGS:
         found = f"the tag {bad[:50]!r}" if bad is not None else f"{len(tags)} tags"
         raise RefusedError(422, f"found {found}, expected up to {_MOST_TAGS} of letters, digits, '.', '_', '+' or '-'")
-    from sinew.measure.files.netcdf import write_text
-
     try:
         write_text(folder / NOTES, json.dumps({"notes": notes, "tags": tags}, ensure_ascii=False, indent=2) + "\n")
     except SinewError as trouble:
