@@ -21,7 +21,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from tests.browser.dashboard import ARGUMENTS, CHROMIUM, IN_SPACE, Served, choose_plan, edit_plan, served
 
 DESK, PHONE = (1360, 860), (390, 844)
-QUALITY = 72
+QUALITY = 58
 PATIENCE_MS = 120_000
 SETTLED_MS = 1200
 """Until what a step changed is drawn, by software and beside a bench that has the first call on the processor."""
