@@ -116,7 +116,8 @@ class _List:
             )
         with ui.element("div").classes("sinew-grid"):
             with card("Over months", 12):
-                names = {one: f"{QUANTITIES[one].words} {QUANTITIES[one].called[0]}" for one in COMMON}
+                names = {one: f"{QUANTITIES[one].words}, {QUANTITIES[one].called[0]}" for one in COMMON}
+                names["gain_peak"] = QUANTITIES["gain_peak"].words
                 self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
                 self._quantity.props("inline")
                 self._quantity.on_value_change(self._draw_trend)
