@@ -20,7 +20,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.curves import predict
-from sinew.twin.cache import configure
+from sinew.twin.cache import use_all_cores
 
 BAND_HZ = (1.0, 6.0)
 PEAK_RAD, UPPER_FOLD_HZ, LOWER_FOLD_HZ = 0.793727, 3.818697, 3.521591
@@ -58,7 +58,7 @@ def _first_call() -> float:
 
 def one_curve() -> Any:
     """Return the prediction of the reference oscillator."""
-    configure()
+    use_all_cores()
     one = [reference()]
     return predict(oscillator_problem(one, BAND_HZ), BAND_HZ, resolution_of(one))
 
@@ -142,7 +142,7 @@ def _joint() -> None:
 
 def main() -> None:
     """Print the times of the prediction."""
-    configure()
+    use_all_cores()
     _peer(_oscillators())
     _joint()
 
