@@ -9,7 +9,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce serve screenshots answers pictures test test-slow test-long test-realtime check bench peers campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce serve wheel screenshots answers pictures test test-slow test-long test-realtime check bench bench-gpu peers campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,8 +26,11 @@ answers: reproduce ## the paper's open questions asked of that campaign: out/rep
 	$(BIN)/sinew answer $(OUT)/recording.nc --out $(OUT)
 	$(BIN)/sinew report $(OUT)
 
-screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, from Chromium (a minute or two)
-	$(BIN)/python tools/take_screenshots.py docs/pictures
+wheel: $(VENV)/.dev ## sdist and wheel in dist/, tried in an empty environment of each of PYTHONS="python3.11 ..." (some minutes each)
+	$(BIN)/python tools/try_wheel.py $(PYTHONS)
+
+screenshots: $(VENV)/.dev ## every page and state of the dashboard as pictures of README and docs, from Chromium (some minutes)
+	$(BIN)/python -m tools.take_screenshots docs/pictures/dashboard
 
 # Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
 # fusion emitters; no number of `make reproduce` moved by 1e-9. Files of tests run in their order, for by number of tests
@@ -48,17 +51,21 @@ test-long: $(VENV)/.dev ## the longest proofs: intervals counted over whole camp
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
 
-check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree
+check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree, spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_links.py
 	$(BIN)/python tools/check_hosts.py
+	$(BIN)/codespell
 
 bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run; beams beside finite elements
 	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
 	$(BIN)/python -m benchmarks
+
+bench-gpu: $(VENV)/.dev ## batches of designs and of the posterior on a GPU beside the CPU, where JAX finds one
+	$(BIN)/python -m benchmarks gpu
 
 peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with and .venv cannot hold, and a master of the bus in Rust
 	@sh tools/peers.sh
@@ -73,10 +80,10 @@ docs: $(VENV)/.dev ## the documentation as HTML in docs/_build; every example of
 	@echo "docs/_build/index.html"
 
 pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce` and of the tutorial's own commands
+	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --out $(OUT)/figures/sweep.webp
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
 	$(BIN)/sinew modes paper --out docs/pictures/space.png
-	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --out docs/pictures/sweep.webp
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py

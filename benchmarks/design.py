@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from sinew.measure.errors import how_to_install
+from sinew.measure.tasks import Spread, run_tasks
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.tune.candidate import SHAPES, DesignTarget
-from sinew.tune.design import blocks_of, drafts_of, propose, run_tasks, search_block
+from sinew.tune.design import blocks_of, drafts_of, propose, search_block
 
 STARTS, EXACT, WORKERS = 64, 8, 2
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)
@@ -65,7 +66,7 @@ def _timed(
     function: Callable[[_Task], _Result], tasks: Sequence[_Task], scheduler: str | None
 ) -> tuple[list[_Result], float]:
     begin = time.perf_counter()
-    return run_tasks(function, tasks, scheduler), time.perf_counter() - begin
+    return run_tasks(function, tasks, Spread(scheduler)), time.perf_counter() - begin
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 All three swing the paper's joint through the same groups on all cores. `solve_ivp` integrates the twin's own
 equations, compiled, with its tolerance set so that its amplitudes are about as accurate as the twin's; MuJoCo
-integrates a leaner model (see `mujoco_joint`) at the twin's step.
+integrates a leaner model, what `sinew model --no-sway` exports without the gear's friction, at the twin's step.
 """
 
 import importlib.util
@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from benchmarks.mujoco_joint import joint_xml
 from sinew.mechanics.joint import rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters, simulate_tracks
@@ -92,16 +92,21 @@ def _rollout(rig: RigSpec, groups: list[Group], step_s: float, integrator: str) 
     from mujoco import rollout
 
     steps, threads = round(SECONDS / step_s), os.cpu_count() or 1
-    models = [mujoco.MjModel.from_xml_string(joint_xml(rig, g.pretension_mm, step_s=step_s)) for g in groups]
+    texts = {p: write_mjcf(joint_bodies(rig, p, sway=False), []) for p in {g.pretension_mm for g in groups}}
+    models = [mujoco.MjModel.from_xml_string(texts[g.pretension_mm]) for g in groups]
     for model in models:
+        model.opt.timestep = step_s
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.zeros((len(groups), mujoco.mj_stateSize(models[0], full)))
     time_s = np.arange(steps) * step_s
-    control = np.stack([np.radians(20) * np.sin(2 * np.pi * g.frequency_hz * time_s) for g in groups])[..., None]
+    control = np.zeros((len(groups), steps, models[0].nu))
+    control[..., -1] = [np.radians(20) * np.sin(2 * np.pi * g.frequency_hz * time_s) for g in groups]
     datas = [mujoco.MjData(models[0]) for _ in range(threads)]
     seconds, (states, _) = _best_of(2, lambda: rollout.rollout(models, datas, start, control, nstep=steps))
-    torsion = states[:, -round(1 / step_s) :, 2]  # time, sink, torsion, drive, speeds
+    place = 1 + models[0].jnt_qposadr[models[0].joint("twist0").id]  # after the time
+    torsion = states[:, -round(1 / step_s) :, place]
     return seconds, np.ptp(torsion, axis=1) / 2
 
 

@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 from scipy import stats
 
-from campaigns.options import asked_seeds, spread_trials, trial_parser
+from campaigns.options import asked_seeds, spread_of, spread_trials, trial_parser
 from campaigns.recovery import draw_rig
 from sinew.identify.joint.calibration import Source, calibrate_rig
 from sinew.plan.toml import load_plan, load_rig
@@ -78,7 +78,7 @@ def main() -> None:
     asked = parser.parse_args()
     trials = []
     each = partial(run_trial, plan=asked.plan, hidden=asked.hidden)
-    for trial in spread_trials(each, asked_seeds(asked), workers=asked.workers):
+    for trial in spread_trials(each, asked_seeds(asked), spread=spread_of(asked)):
         trials.append(trial)
         marks = " ".join(
             f"{name.split('.')[1]} {error:+.1f}{'' if ok else '!'}" for name, (error, ok, _) in trial.found.items()

@@ -23,12 +23,10 @@ pendulum does not harden), and a remark on the samples (clipped, frozen, wrapped
 """
 
 import argparse
-import os
 import re
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -36,6 +34,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from campaigns.options import TWO, spread_of, spread_options, spread_trials
 from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
@@ -531,17 +530,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=25, help="records of each kind")
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), help="which kinds")
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    spread_options(parser, TWO)
     parser.add_argument("--each", action="store_true", help="print every record that its interval does not hold")
     asked = parser.parse_args()
     tasks = [(kind, seed) for kind in asked.kinds for seed in range(asked.first, asked.first + asked.seeds)]
     outcomes: list[Outcome] = []
-    with ProcessPoolExecutor(asked.workers) as pool:
-        for one in pool.map(try_one, tasks, chunksize=2):
-            outcomes.append(one)
-            print(f"\r{len(outcomes)} of {len(tasks)}", end="", flush=True)
-            if asked.each and (one.refusal or one.fault or not all(one.stated)):
-                print(f"\r{one.kind} {one.seed}: {one.refusal or one.fault or one.off}")
+    for one in spread_trials(try_one, tasks, spread=spread_of(asked)):
+        outcomes.append(one)
+        print(f"\r{len(outcomes)} of {len(tasks)}", end="", flush=True)
+        if asked.each and (one.refusal or one.fault or not all(one.stated)):
+            print(f"\r{one.kind} {one.seed}: {one.refusal or one.fault or one.off}")
     print("\r" + table(outcomes))
 
 

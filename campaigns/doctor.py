@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from campaigns.options import asked_seeds, spread_trials, trial_parser
+from campaigns.options import asked_seeds, spread_of, spread_trials, trial_parser
 from sinew.bench.doctor import Finding
 from sinew.bench.guide import STEPS, Guide, Step, lead, turned_frame
 from sinew.bench.record.journal import Journal
@@ -314,7 +314,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, help="file for the verdicts, as JSON")
     asked = parser.parse_args(arguments)
     verdicts: list[Verdict] = []
-    for verdict in spread_trials(try_seed, asked_seeds(asked), workers=asked.workers):
+    for verdict in spread_trials(try_seed, asked_seeds(asked), spread=spread_of(asked)):
         verdicts.append(verdict)
         said = "; ".join(verdict.wrong) or "well"
         print(

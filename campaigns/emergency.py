@@ -9,12 +9,9 @@ torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest mean
 
 import json
 import math
-import multiprocessing
-import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -23,7 +20,7 @@ from typing import get_args
 
 import numpy as np
 
-from campaigns.options import campaign_parser
+from campaigns.options import TWO, campaign_parser, spread_of, spread_trials
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import Faults, parse_fault
@@ -295,12 +292,10 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its table, and return the exit status."""
-    parser = campaign_parser("emergency", __doc__, count=90, workers=min(2, os.cpu_count() or 1))
+    parser = campaign_parser("emergency", __doc__, count=90, workers=TWO)
     given = parser.parse_args(arguments)
     cases = [draw_case(given.seed, number) for number in range(given.runs)]
-    # Spawned, not forked: JAX has threads.
-    with ProcessPoolExecutor(given.workers, multiprocessing.get_context("spawn")) as pool:
-        outcomes = list(pool.map(partial(play, tension_n=tensions()), cases))
+    outcomes = list(spread_trials(partial(play, tension_n=tensions()), cases, spread=spread_of(given)))
     if given.out is not None:
         given.out.write_text(json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8")
     print(table(outcomes))

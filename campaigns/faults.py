@@ -6,19 +6,17 @@ may not, see `campaigns.trial`.
 """
 
 import json
-import multiprocessing
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from campaigns.options import campaign_parser
+from campaigns.options import campaign_parser, spread_of, spread_trials
 from campaigns.scenario import PLANS, draw_scenario
 from campaigns.table import summary, text
 from campaigns.trial import Verdict, judge
-
-_PATIENCE_S = 300.0  # for one run, of the computer's time
+from sinew.measure.tasks import HERE, Spread
 
 
 def rest_tensions() -> dict[float, float]:
@@ -33,20 +31,9 @@ def rest_tensions() -> dict[float, float]:
     return dict(zip(asked, rest_tension(asked, load_rig("paper")).tolist(), strict=True))
 
 
-def verdicts(seed: int, numbers: Sequence[int], workers: int = 1) -> Iterator[Verdict]:
-    """Yield what becomes of each run, in order.
-
-    Raises multiprocessing.TimeoutError where one does not end in five minutes of the computer's time.
-    """
-    work = partial(_judge_number, seed, rest_tensions())
-    if workers == 1:
-        yield from map(work, numbers)
-        return
-    # Spawned, not forked: JAX has threads. What it compiled is in its cache on the disk.
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        results = pool.imap(work, numbers)
-        for _ in numbers:
-            yield results.next(_PATIENCE_S)
+def verdicts(seed: int, numbers: Sequence[int], spread: Spread = HERE) -> Iterator[Verdict]:
+    """Yield what becomes of each run, in order."""
+    yield from spread_trials(partial(_judge_number, seed, rest_tensions()), numbers, spread=spread)
 
 
 def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> Verdict:
@@ -56,7 +43,7 @@ def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> V
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign, print its table, and return the exit status."""
     given = campaign_parser("faults", __doc__, count=500, numbered=True, workers=1, verbose=True).parse_args(arguments)
-    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), given.workers), given, _line)
+    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), spread_of(given)), given, _line)
     return concluded(done, text(done), summary(done, given.seed), given.out)
 
 

@@ -20,9 +20,10 @@ import numpy as np
 
 from campaigns.faults import collected, concluded, rest_tensions
 from campaigns.lies import LIE_KINDS, Lies
-from campaigns.options import campaign_parser, spread_trials
+from campaigns.options import campaign_parser, spread_of, spread_trials
 from campaigns.scenario import Scenario, draw_scenario
 from campaigns.trial import Verdict, judge
+from sinew.measure.tasks import HERE, Spread
 
 _EARLY_S, _LATE_S = (0.0, 4.0), (7.0, 11.0)  # when it becomes hostile: set-up and pull; levelling and swing
 _EARLY = 0.7  # of the runs, which are cheap
@@ -44,9 +45,9 @@ def draw_hostile(seed: int, number: int) -> Scenario:
     return replace(drawn, plan="one frequency", mode=mode, lies=lies, interrupt_s=round(interrupt, 3))
 
 
-def verdicts(seed: int, numbers: Sequence[int], workers: int = 1) -> Iterator[Verdict]:
+def verdicts(seed: int, numbers: Sequence[int], spread: Spread = HERE) -> Iterator[Verdict]:
     """Yield what becomes of each run, in order."""
-    yield from spread_trials(partial(_judge_number, seed, rest_tensions()), numbers, workers=workers)
+    yield from spread_trials(partial(_judge_number, seed, rest_tensions()), numbers, spread=spread)
 
 
 def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> Verdict:
@@ -74,7 +75,7 @@ def _row(name: str, done: Sequence[Verdict]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign, print its table, and return the exit status."""
     given = campaign_parser("hostile", __doc__, count=300, numbered=True, workers=1, verbose=True).parse_args(arguments)
-    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), given.workers), given, _line)
+    done = collected(verdicts(given.seed, range(given.first, given.first + given.runs), spread_of(given)), given, _line)
     return concluded(done, table(done), [v.document() for v in done], given.out)
 
 

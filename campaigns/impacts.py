@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
-from campaigns.options import TWO, spread_trials, trial_parser
+from campaigns.options import TWO, spread_of, spread_trials, trial_parser
 from sinew.analysis.broadband.impact import Impact, analyse_impacts
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -162,7 +162,7 @@ def main() -> None:
         workers=TWO,
     )
     chosen = parser.parse_args()
-    rows = list(spread_trials(run_trial, jobs(chosen.trials, chosen.seed), workers=chosen.workers))
+    rows = list(spread_trials(run_trial, jobs(chosen.trials, chosen.seed), spread=spread_of(chosen)))
     print(table(rows))
     for row in rows:
         if row.refused:

@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from campaigns.options import asked_seeds, spread_trials, trial_parser
+from campaigns.options import asked_seeds, spread_of, spread_trials, trial_parser
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.mechanics.laws import Cubic, DryFriction
@@ -160,7 +160,7 @@ def main() -> None:
     chosen = parser.parse_args()
     trials = [(joint, seed, chosen.model) for joint in chosen.joint or JOINTS for seed in asked_seeds(chosen)]
     outcomes = []
-    for one in spread_trials(run_trial, *zip(*trials, strict=True), workers=chosen.workers):
+    for one in spread_trials(run_trial, *zip(*trials, strict=True), spread=spread_of(chosen)):
         outcomes.append(one)
         t = one.truth
         print(

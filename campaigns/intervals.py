@@ -9,9 +9,7 @@ standard deviations of the estimates. Seeded.
 """
 
 import argparse
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 
@@ -20,6 +18,7 @@ from scipy import special
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
+from campaigns.options import TWO, spread_of, spread_options, spread_trials
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.posterior import sample_posterior
@@ -209,19 +208,18 @@ def main() -> None:
     parser.add_argument("--only", choices=[*SCENARIOS, "repeats"], help="one scenario")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--draws", type=int, default=400, help="draws of the posterior in each trial")
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    spread_options(parser, TWO)
     chosen = parser.parse_args()
     seeds = range(chosen.seed, chosen.seed + chosen.trials)
     rows: list[Row] = []
-    with ProcessPoolExecutor(chosen.workers) as pool:
-        for name in SCENARIOS:
-            if chosen.only in (None, name):
-                jobs = pool.map(run_trial, [name] * len(seeds), seeds, [chosen.draws] * len(seeds), chunksize=5)
-                rows += [row for part in jobs for row in part]
-        if chosen.only in (None, "repeats"):
-            for repeats in (3, 5):
-                jobs = pool.map(repeat_trial, seeds, [repeats] * len(seeds), chunksize=5)
-                rows += [row for part in jobs for row in part]
+    spread = spread_of(chosen)
+    trials = [(name, seed, chosen.draws) for name in SCENARIOS if chosen.only in (None, name) for seed in seeds]
+    for part in spread_trials(run_trial, *zip(*trials, strict=True), spread=spread):
+        rows += part
+    if chosen.only in (None, "repeats"):
+        repeated = [(seed, repeats) for repeats in (3, 5) for seed in seeds]
+        for part in spread_trials(repeat_trial, *zip(*repeated, strict=True), spread=spread):
+            rows += part
     print(table(rows))
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from scipy import signal
 
 from campaigns.impacts import Mode, Pulse, struck
-from campaigns.options import TWO, spread_trials, trial_parser
+from campaigns.options import TWO, spread_of, spread_trials, trial_parser
 from sinew.analysis.kinds import find_kind
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -243,7 +243,7 @@ def main() -> None:
     )
     chosen = parser.parse_args()
     jobs = [(k, seed) for k in range(len(MANNERS)) for seed in range(chosen.seed, chosen.seed + chosen.trials)]
-    rows = list(spread_trials(run_trial, jobs, workers=chosen.workers))
+    rows = list(spread_trials(run_trial, jobs, spread=spread_of(chosen)))
     print(table(rows))
     for row, (_, seed) in zip(rows, jobs, strict=True):
         if not _is_right(row):

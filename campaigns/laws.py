@@ -25,7 +25,7 @@ from campaigns.law_signals import (
     draw_truth,
     noisy_record,
 )
-from campaigns.options import TWO, asked_seeds, spread_trials, trial_parser
+from campaigns.options import TWO, asked_seeds, spread_of, spread_trials, trial_parser
 from sinew.identify.choice.comparison import Comparison, compare_laws, laws_to_try, split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
@@ -167,7 +167,7 @@ def main() -> None:
         for cubic in (False, True)
     ]
     outcomes = []
-    for outcome in spread_trials(run_trial, *zip(*trials, strict=True), workers=chosen.workers):
+    for outcome in spread_trials(run_trial, *zip(*trials, strict=True), spread=spread_of(chosen)):
         outcomes.append(outcome)
         if chosen.verbose:
             print(_line(outcome), flush=True)

@@ -15,7 +15,7 @@ from typing import get_args
 
 import numpy as np
 
-from campaigns.options import TWO, spread_trials, trial_parser
+from campaigns.options import TWO, spread_of, spread_trials, trial_parser
 from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
@@ -150,7 +150,7 @@ def main() -> None:
     )
     chosen = parser.parse_args()
     jobs = [(mode, chosen.seed + trial) for trial in range(chosen.trials) for mode in MODES]
-    parts = spread_trials(run_trial, *zip(*jobs, strict=True), workers=chosen.workers)
+    parts = spread_trials(run_trial, *zip(*jobs, strict=True), spread=spread_of(chosen))
     rows = [row for part in parts for row in part]
     print(table(rows))
 

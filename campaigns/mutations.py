@@ -273,7 +273,9 @@ def _share(mutations: Sequence[Mutation], calls: Calls) -> list[dict[str, object
 
 def main() -> int:
     """Run the campaign; each worker has a copy of the tree."""
-    asked = campaign_parser("mutations", __doc__, count=30, of="mutations", numbered=True, workers=2).parse_args()
+    parser = campaign_parser("mutations", __doc__, count=30, of="mutations", numbered=True)
+    parser.add_argument("--workers", type=int, default=2, help="copies of the tree side by side [2]")
+    asked = parser.parse_args()
     chosen = drawn(asked.seed, asked.first + asked.mutations)[asked.first :]
     calls = called(asked.workers)
     with ThreadPoolExecutor(asked.workers) as pool:

@@ -1,12 +1,15 @@
-"""What several campaigns share: options of their command lines, and trials spread over processes."""
+"""What several campaigns share: options of their command lines, and trials spread over processes or a cluster."""
 
 import argparse
+import importlib
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
+
+from sinew.measure.tasks import Spread, each_task
 
 _Outcome = TypeVar("_Outcome")
 TWO = min(2, os.cpu_count() or 1)
@@ -34,7 +37,7 @@ def campaign_parser(
     if numbered:
         parser.add_argument("--first", type=int, default=0, help="number of the first one [0]")
     if workers is not None:
-        parser.add_argument("--workers", type=int, default=workers, help=f"processes [{workers}]")
+        spread_options(parser, workers)
     if verbose:
         parser.add_argument("--verbose", action="store_true", help="a line for each one, on stderr")
     return parser
@@ -53,8 +56,20 @@ def trial_parser(
     parser.add_argument(f"--{trials}", type=int, default=count, help=f"{of} [{count}]")
     parser.add_argument(f"--{first}", type=int, default=0, help="the first seed [0]")
     if workers:
-        parser.add_argument("--workers", type=int, default=workers, help=f"processes [{workers}]")
+        spread_options(parser, workers)
     return parser
+
+
+def spread_options(parser: argparse.ArgumentParser, workers: int) -> None:
+    """Add where trials run, and where their outcomes are kept; see `spread_of`."""
+    parser.add_argument("--workers", type=int, default=workers, help=f"processes [{workers}]")
+    parser.add_argument("--scheduler", help="instead: a Dask scheduler whose workers do it, as tcp://host:8786")
+    parser.add_argument("--keep", type=Path, help="file that keeps outcomes as they come, and is gone on from")
+
+
+def spread_of(asked: argparse.Namespace) -> Spread:
+    """Return what the options of `spread_options` stand for."""
+    return Spread(asked.scheduler, 1 if asked.scheduler else asked.workers, asked.keep)
 
 
 def asked_seeds(asked: argparse.Namespace) -> range:
@@ -62,10 +77,27 @@ def asked_seeds(asked: argparse.Namespace) -> range:
     return range(asked.first, asked.first + asked.seeds)
 
 
-def spread_trials(each: Callable[..., _Outcome], *columns: Iterable[Any], workers: int) -> Iterator[_Outcome]:
-    """Yield what each row of the columns gives, in order, spread over processes; one: in this process."""
-    if workers <= 1:
-        yield from map(each, *columns)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(each, *columns)
+def spread_trials(each: Callable[..., _Outcome], *columns: Iterable[Any], spread: Spread) -> Iterator[_Outcome]:
+    """Yield what each row of the columns gives, in order, as soon as those before it are there."""
+    there: dict[int, _Outcome] = {}
+    wanted = 0
+    for place, outcome in each_task(partial(_row, _importable(each)), list(zip(*columns, strict=False)), spread):
+        there[place] = outcome
+        while wanted in there:
+            yield there.pop(wanted)
+            wanted += 1
+
+
+def _row(each: Callable[..., _Outcome], row: tuple[Any, ...]) -> _Outcome:
+    return each(*row)
+
+
+def _importable(each: Callable[..., _Outcome]) -> Callable[..., _Outcome]:
+    """Return a function of the program that was begun (`python -m`) by the name under which others import it."""
+    if isinstance(each, partial):
+        return partial(_importable(each.func), *each.args, **each.keywords)
+    begun = getattr(sys.modules["__main__"], "__spec__", None)
+    if each.__module__ != "__main__" or begun is None:
+        return each
+    found: Callable[..., _Outcome] = getattr(importlib.import_module(begun.name), each.__qualname__)
+    return found

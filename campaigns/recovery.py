@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 from scipy import stats
 
-from campaigns.options import TWO, asked_seeds, spread_trials, trial_parser
+from campaigns.options import TWO, asked_seeds, spread_of, spread_trials, trial_parser
 from sinew.identify.joint.fit import fit_joint
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
@@ -166,7 +166,7 @@ def main() -> None:
     """Run the trials and print the table."""
     asked = trial_parser("recovery", "Hidden rigs, recovered.", count=20, of="hidden rigs", workers=TWO).parse_args()
     trials = []
-    for trial in spread_trials(run_trial, asked_seeds(asked), workers=asked.workers):
+    for trial in spread_trials(run_trial, asked_seeds(asked), spread=spread_of(asked)):
         trials.append(trial)
         marks = " ".join(
             f"{(v - t) / s:+.2f}{'' if ok else '!'}"

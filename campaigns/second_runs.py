@@ -12,7 +12,6 @@ where the analysis says that the recording contradicts itself; or silently wrong
 import gc
 import json
 import math
-import multiprocessing
 import sys
 import time
 from collections import Counter
@@ -27,7 +26,7 @@ import numpy as np
 import xarray as xr
 
 from campaigns.doctor import ONE_MOTION
-from campaigns.options import campaign_parser
+from campaigns.options import campaign_parser, spread_of, spread_trials
 from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
@@ -43,6 +42,7 @@ from sinew.hardware.configuration import KNOWN_STATE
 from sinew.hardware.registers import XH430_W350, Register
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import SinewError, StartError
+from sinew.measure.tasks import HERE, Spread
 from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
@@ -429,14 +429,9 @@ def _is_named(sentence: str, pair: Pair) -> bool:
     return bool(said) or ("torque_enable" in names and "torque is on" in sentence)
 
 
-def results(seed: int, numbers: Sequence[int], workers: int = 1) -> Iterator[Result]:
+def results(seed: int, numbers: Sequence[int], spread: Spread = HERE) -> Iterator[Result]:
     """Yield what becomes of each pair, in order."""
-    work = partial(_try_number, seed)
-    if workers == 1:
-        yield from map(work, numbers)
-        return
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap(work, numbers)
+    yield from spread_trials(partial(_try_number, seed), numbers, spread=spread)
 
 
 def _try_number(seed: int, number: int) -> Result:
@@ -483,7 +478,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = campaign_parser("second_runs", __doc__, count=200, of="pairs", numbered=True, workers=1, verbose=True)
     given = parser.parse_args(arguments)
     done: list[Result] = []
-    for one in results(given.seed, range(given.first, given.first + given.pairs), given.workers):
+    for one in results(given.seed, range(given.first, given.first + given.pairs), spread_of(given)):
         done.append(one)
         if given.verbose:
             print(f"{one.number} {one.mode}, {one.end} at {one.end_s} s, {one.way}, {len(one.writes)} writes -> "

@@ -1,8 +1,10 @@
 """What viewers cost. `python -m campaigns.viewers --hours 2` streams a journal that is written faster than time to four
 viewers and follows the memory of the pages' server; `--cycles 60` runs an emulated bench in real time with four viewers
-and without, and lays the begins of its cycles side by side; `--hours 12 --browser 60` lets Chromium, which draws by
-software, watch so many hours within so many seconds, and tells the frames of an oscilloscope with eight traces, and the
-memory of server and page at begin, middle and end. JSON on stdout."""
+and without, and lays the begins of its cycles side by side; `--live 60` does so with the dashboard as it ships and a
+Chromium that draws its live page by software, oscilloscope and joint, on the same computer; `--hours 12 --browser 60`
+lets Chromium watch so many hours within so many seconds, and tells the frames of an oscilloscope with eight traces and
+the memory of server, page and workers at begin, middle and end, the workers after another page had a run analysed and a
+plan tried. JSON on stdout."""
 
 import argparse
 import asyncio
@@ -16,12 +18,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import websockets
 
 from sinew.bench.record.journal import Journal, JournalReader
@@ -33,9 +36,30 @@ from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 VIEWERS = 4
 RATE_HZ = 200.0
 WARM_SHARE = 0.2
+MOST_AT_ONCE = 20_000  # samples
+LEAD_S = 8.0
+SHARES = {"median": 50, "p99": 99, "p999": 99.9}
+ROLES = {
+    "sinew.apps.dashboard": "pages",
+    "spawn_main": "workers",
+    " emulate ": "emulated bench",
+    " serve ": "steward",
+    "sinew run ": "run",
+    "--type=renderer": "renderer",
+    "--type=gpu-process": "drawing by software",
+    "chromium": "browser",
+}
 SINEW = Path(sys.executable).with_name("sinew")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 BY_SOFTWARE = ["--no-sandbox", "--disable-gpu", "--enable-precise-memory-info"]
+BY_ITSELF = ["--no-sandbox"]  # without a graphics card it draws by software, the joint by SwiftShader
+COUNTED = """scene => {
+  const draw = SinewScope.render.bind(SinewScope), { renderer } = window.getElement(scene) ?? {};
+  window.drawn = [];
+  window.jointFrames = () => renderer?.info.render.frame ?? 0;
+  SinewScope.render = () => { const is = draw(); if (is) window.drawn.push(performance.now()); return is; };
+}"""
+SCENE = "JSON.parse(document.getElementById('sinew-live').textContent).scene"
 DRAWN = """() => Array.from({ length: 100 }, () => {
   const began = performance.now();
   SinewScope.isFresh = true;
@@ -182,7 +206,7 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
         ready.set()
         begin, written, total = time.monotonic(), 0, int(seconds * RATE_HZ)
         while written < total:
-            due = min(total, int((time.monotonic() - begin) * speed * RATE_HZ))
+            due = min(total, int((time.monotonic() - begin) * speed * RATE_HZ), written + MOST_AT_ONCE)
             for index in range(written, due):
                 journal.append(synthetic(index, rig.tendons.count))
                 if index % int(RATE_HZ) == 0:
@@ -205,6 +229,7 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
                         )
                     )
             written = max(written, due)
+            journal.flush()  # on a busy computer it falls behind, and does not run ahead of the disk
             time.sleep(0.02)
 
 
@@ -238,18 +263,50 @@ def stream_hours(hours: float, speed: float, viewers: int = VIEWERS) -> dict[str
     }
 
 
+def simulated(folder: Path) -> Path:
+    """Return the folder of a run of the twin, in a folder of runs."""
+    (folder / "done").mkdir()
+    plan = folder / "done" / "plan.toml"
+    plan.write_text(PLAN.format(periods=30))
+    command = [str(SINEW), "simulate", str(plan), "--out", str(folder / "done" / "recording.nc")]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return folder / "done"
+
+
+def go_to(page: Any, address: str) -> None:
+    """Open a page; on a busy computer its server may be late, and says so."""
+    for _ in range(5):
+        answer = page.goto(address)
+        if answer is not None and answer.ok:
+            return
+    raise TimeoutError(f"{address} does not open")
+
+
+def use_workers(page: Any, base: str, done: Path) -> None:
+    """Have a run that has ended analysed anew, and a plan tried; both are done when this returns."""
+    for path in (*done.glob("results.nc"), *done.glob("analysis.json"), *done.glob("*/results.json")):
+        path.unlink()
+    go_to(page, f"{base}/runs/{done.name}")
+    while not any(done.glob("*/results.json")):
+        page.wait_for_timeout(100)
+    go_to(page, f"{base}/plan")
+    page.wait_for_function("document.querySelector('#sinew-duration')?.textContent", timeout=120_000)
+
+
 def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
     """Return what a browser shows of a run of so many hours that is written within so many seconds, and what it costs.
 
-    `frames_per_s` of the oscilloscope with eight traces, every second; `draw_ms`: what one of its pictures takes of the
-    page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server, and of the page what its
-    scripts hold, after they were swept, at begin, middle and end; `to_the_begin_ms`: until the first samples are seen.
+    `frames_per_s` of the oscilloscope with eight traces, every second in which no worker is asked; `draw_ms`: what one
+    of its pictures takes of the page's thread, of 100 the least, the median and 95 %; `memory_mb` of the pages' server,
+    of its workers after they were used, and of the page what its scripts hold, after they were swept, at begin, middle
+    and end; `to_the_begin_ms`: until the first samples are seen.
     """
     from playwright.sync_api import sync_playwright
 
     speed, found = 3600 * hours / seconds, {}
     with tempfile.TemporaryDirectory() as folder:
         runs = Path(folder)
+        done = simulated(runs)
         (runs / "long").mkdir()
         ready = threading.Event()
         arguments = (runs / "long" / "journal.sqlite", 3600 * hours, speed, ready)
@@ -257,24 +314,34 @@ def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
         status = {"run": {"name": "long", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
         with saying(status) as steering, pages(runs, steering) as (port, process), sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=BY_SOFTWARE)
-            page = browser.new_page()
+            page, other = browser.new_page(), browser.new_page()
             sweeper = page.context.new_cdp_session(page)
+            use_workers(other, f"http://127.0.0.1:{port}", done)  # whatever they compile, they have compiled then
             writer.start()
             ready.wait(30.0)
             page.goto(f"http://127.0.0.1:{port}/")
             page.wait_for_function("Number(document.body.dataset.samples) > 100", timeout=120_000)
 
             def memory() -> dict[str, float]:
+                use_workers(other, f"http://127.0.0.1:{port}", done)
+                workers = psutil.Process(process).children(recursive=True)
+                page.bring_to_front()
                 sweeper.send("HeapProfiler.collectGarbage")
                 held = sweeper.send("Runtime.getHeapUsage")["usedSize"] / 2**20
                 with JournalReader(runs / "long" / "journal.sqlite") as journal:
                     at = journal.last_sample() / RATE_HZ / 3600
-                return {"at_h": round(at, 2), "server": round(memory_mb(process), 1), "page": round(held, 1)}
+                return {
+                    "at_h": round(at, 2),
+                    "server": round(memory_mb(process), 1),
+                    "page": round(held, 1),
+                    "workers": round(sum(memory_mb(one.pid) for one in workers), 1),
+                    "processes": len(workers),
+                }
 
             found["traces"] = page.evaluate("SinewScope.scope.lines(SinewScope.bins).length")
             found["memory_mb"], found["frames_per_s"] = [memory()], []
             while writer.is_alive():
-                page.wait_for_timeout(1000)
+                page.wait_for_timeout(2000)  # the page counts every second
                 found["frames_per_s"].append(float(page.evaluate("document.body.dataset.fps") or 0))
                 with JournalReader(runs / "long" / "journal.sqlite") as journal:
                     share = journal.last_sample() / RATE_HZ / 3600 / hours
@@ -292,49 +359,127 @@ def look_by_browser(hours: float, seconds: float) -> dict[str, Any]:
     return {"hours": hours, "seconds": seconds, **found}
 
 
-def one_run(seconds: float, viewers: int) -> dict[str, Any]:
-    """Return the begins of the cycles of a run on an emulated bench in real time, with so many viewers."""
-    with tempfile.TemporaryDirectory() as folder:
-        runs = Path(folder)
-        plan, port = runs / "plan.toml", runs / "port"
-        plan.write_text(PLAN.format(periods=round(3 * seconds)))
-        emulate = [str(SINEW), "emulate", "--own-time", "--link", str(port), "--socket"]
-        run = [str(SINEW), "run", str(plan), "--port", str(port), "--out", str(runs / "run")]
-        status = {"run": {"name": "run", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
-        with subprocess.Popen(emulate, stdout=subprocess.PIPE, text=True) as emulator:
-            try:
-                assert emulator.stdout is not None
-                emulator.stdout.readline()
-                with saying(status) as steering, pages(runs, steering) as (http, _):
-                    counts: list[int] = []
+@contextmanager
+def real_bench(folder: Path, seconds: float) -> Iterator[tuple[Path, list[str]]]:
+    """Give the port of an emulated bench in real time, and what begins a run of so many seconds [s] on it."""
+    plan, port = folder / "plan.toml", folder / "port"
+    plan.write_text(PLAN.format(periods=round(3 * seconds)))
+    emulate = [str(SINEW), "emulate", "--own-time", "--link", str(port), "--socket"]
+    run = [str(SINEW), "run", str(plan), "--port", str(port), "--out", str(folder / "runs" / "run")]
+    (folder / "runs").mkdir()
+    with subprocess.Popen(emulate, stdout=subprocess.PIPE, text=True) as emulator:
+        try:
+            assert emulator.stdout is not None
+            emulator.stdout.readline()
+            yield port, run
+        finally:
+            emulator.kill()
 
-                    async def watched(process: "subprocess.Popen[bytes]") -> None:
-                        tasks = [asyncio.create_task(view(http, seconds + 30, counts)) for _ in range(viewers)]
-                        while process.poll() is None:
-                            await asyncio.sleep(0.2)
-                        for task in tasks:
-                            task.cancel()
 
-                    with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-                        asyncio.run(watched(process))
-            finally:
-                emulator.kill()
-        with JournalReader(runs / "run" / "journal.sqlite") as journal:
-            rows = journal.samples(1, journal.last_sample() + 1)
-            numbers = journal.counts()
-            ended = str(journal.events()[-1][1])
+def cycles_of(run: Path) -> dict[str, Any]:
+    """Return how the cycles of a run kept time: `late_ms`, how many began so much after their deadline [ms]; `latest`:
+    when [s] the eight latest did, and how late."""
+    with JournalReader(run / "journal.sqlite") as journal:
+        rows = journal.samples(1, journal.last_sample() + 1)
+        numbers = journal.counts()
+        ended = str(journal.events()[-1][1])
     late = 1e3 * rows["late_s"]
     edges = [0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf]
+    worst = sorted(np.argsort(np.nan_to_num(late))[-8:])
     return {
-        "viewers": viewers,
         "cycles": int(numbers.get("cycles", late.size)),
         "missed": int(numbers.get("cycles_missed", -1)),
         "late_ms": {f"below {b:g}": int(((late >= a) & (late < b)).sum()) for a, b in itertools.pairwise(edges)},
-        "late_median_ms": float(np.nanmedian(late)),
-        "late_p99_ms": float(np.nanpercentile(late, 99)),
-        "frames": counts,
+        **{f"late_{name}_ms": float(np.nanpercentile(late, at)) for name, at in SHARES.items()},
+        "latest": [(round(float(rows["time_s"][k] - rows["time_s"][0]), 2), round(late[k], 2)) for k in worst],
         "ended": ended,
     }
+
+
+def one_run(seconds: float, viewers: int) -> dict[str, Any]:
+    """Return the begins of the cycles of a run on an emulated bench in real time, with so many viewers."""
+    with tempfile.TemporaryDirectory() as folder, real_bench(Path(folder), seconds) as (_, run):
+        runs = Path(folder) / "runs"
+        status = {"run": {"name": "run", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
+        with saying(status) as steering, pages(runs, steering) as (http, _):
+            counts: list[int] = []
+
+            async def watched(process: "subprocess.Popen[bytes]") -> None:
+                tasks = [asyncio.create_task(view(http, seconds + 30, counts)) for _ in range(viewers)]
+                while process.poll() is None:
+                    await asyncio.sleep(0.2)
+                for task in tasks:
+                    task.cancel()
+
+            with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+                asyncio.run(watched(process))
+        return {"viewers": viewers, **cycles_of(runs / "run"), "frames": counts}
+
+
+def busy_s(root: psutil.Process) -> dict[str, float]:
+    """Return how long a core was busy with each process below one [s], by its number and what it is for."""
+    found = {}
+    for one in root.children(recursive=True):
+        with suppress(psutil.Error):
+            words, times = " ".join(one.cmdline()), one.cpu_times()
+            name = next((told for mark, told in ROLES.items() if mark in words), one.name())
+            found[f"{name} {one.pid}"] = times.user + times.system
+    return found
+
+
+def live_run(seconds: float, *, is_watched: bool) -> dict[str, Any]:
+    """Return the cycles of a run on an emulated bench in real time, and what Chromium shows of it on the same computer.
+
+    `frames_per_s` of the oscilloscope with all its traces and of the joint, every second of the run; `of_a_core`: what
+    each process takes meanwhile.
+    """
+    from playwright.sync_api import sync_playwright
+
+    found: dict[str, Any] = {"watched": is_watched}
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as ends:
+        port, run = ends.enter_context(real_bench(Path(folder), seconds))
+        serve = [str(SINEW), "serve", "--no-browser", "--port-bench", str(port), "--runs", str(Path(folder) / "runs")]
+        http = free_port()
+        serve += ["--http", f"127.0.0.1:{http}"]
+        server = ends.enter_context(subprocess.Popen(serve, stdout=subprocess.PIPE, text=True))
+        ends.callback(server.terminate)
+        assert server.stdout is not None
+        link = server.stdout.readline().strip()
+        await_port(http)
+        page = None
+        if is_watched:
+            playwright = ends.enter_context(sync_playwright())
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=BY_ITSELF)
+            ends.callback(browser.close)
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.goto(link)
+            page.wait_for_function(f"window.SinewScope && window.getElement?.({SCENE})?.renderer", timeout=60_000)
+            page.evaluate(COUNTED, page.evaluate(SCENE))
+        process = ends.enter_context(subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        time.sleep(LEAD_S)  # the bench takes up its tendons; the prediction is computed
+        begin, before = time.monotonic(), busy_s(psutil.Process())
+        drawn, joint = [], []
+        while process.poll() is None and time.monotonic() - begin < seconds:
+            if page is None:
+                time.sleep(1.0)
+                continue
+            frames = page.evaluate("window.jointFrames()")
+            page.wait_for_timeout(1000)
+            drawn.append(page.evaluate("window.drawn.filter((at) => at > performance.now() - 1000).length"))
+            joint.append(page.evaluate("window.jointFrames()") - frames)
+        passed, after = time.monotonic() - begin, busy_s(psutil.Process())
+        shares = {name: round((busy - before.get(name, 0.0)) / passed, 3) for name, busy in after.items()}
+        found["of_a_core"] = {name.rpartition(" ")[0]: share for name, share in shares.items() if share > 0.003}
+        if page is not None:
+            found["traces"] = page.evaluate("SinewScope.scope.lines(SinewScope.bins).length")
+            of = {"scope": np.array(drawn), "joint": np.array(joint)}
+            found["frames_per_s"] = {
+                name: {"least": int(some.min()), "median": float(np.median(some)), "every_second": some.tolist()}
+                for name, some in of.items()
+            }
+        process.wait()
+        found |= cycles_of(Path(folder) / "runs" / "run")
+    return found
 
 
 def compare_cycles(seconds: float, repeats: int) -> list[dict[str, Any]]:
@@ -342,11 +487,17 @@ def compare_cycles(seconds: float, repeats: int) -> list[dict[str, Any]]:
     return [one_run(seconds, viewers) for _ in range(repeats) for viewers in (0, VIEWERS)]
 
 
+def compare_live(seconds: float, repeats: int) -> list[dict[str, Any]]:
+    """Return runs that nobody looks at and that a browser on the same computer does, in turn."""
+    return [live_run(seconds, is_watched=is_watched) for _ in range(repeats) for is_watched in (False, True)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=0.0, help="time that is streamed [h]")
     parser.add_argument("--speed", type=float, default=60.0, help="how many times as fast as time")
     parser.add_argument("--cycles", type=float, default=0.0, help="length of the runs in real time [s]")
+    parser.add_argument("--live", type=float, default=0.0, help="length of the runs that a browser watches [s]")
     parser.add_argument("--browser", type=float, default=0.0, help="time in which a browser watches those hours [s]")
     parser.add_argument("--repeats", type=int, default=2)
     asked = parser.parse_args()
@@ -357,6 +508,8 @@ def main() -> None:
         found["stream"] = stream_hours(asked.hours, asked.speed)
     if asked.cycles:
         found["cycles"] = compare_cycles(asked.cycles, asked.repeats)
+    if asked.live:
+        found["live"] = compare_live(asked.live, asked.repeats)
     print(json.dumps(found, indent=2))
 
 

@@ -3,6 +3,9 @@
 import os
 import sys
 from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
 
 from sinew import __version__
 
@@ -41,7 +44,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "furo"
-html_title = f"Sinew {version}"
+html_title = "Sinew"
 html_math_renderer = "mathtext"
 html_static_path = ["_static"]
 html_css_files = ["sinew.css"]
@@ -52,3 +55,19 @@ html_theme_options = {
 }
 html_show_sourcelink = False
 html_copy_source = False
+
+
+def _speak_to_screen_readers(app: Sphinx, name: str, template: str, context: dict[str, Any], tree: object) -> None:
+    """Give headings of the navigation their level, and what scrolls sideways a place among the stops of the Tab key."""
+    for part in ("body", "furo_navigation_tree", "toc"):
+        if isinstance(context.get(part), str):
+            context[part] = (
+                context[part]
+                .replace('role="heading">', 'role="heading" aria-level="2">')
+                .replace("<pre>", '<pre tabindex="0">')
+            )
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what is done to every page, behind the theme's own (500)."""
+    app.connect("html-page-context", _speak_to_screen_readers, priority=900)

@@ -12,7 +12,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-__version__ = "0.1.0"
+
+def _read_version() -> str:
+    try:
+        return Path(__file__).with_name("_version.txt").read_text(encoding="utf-8").strip()
+    except FileNotFoundError:  # in a clone that was never built or installed
+        return "0+unbuilt"
+
+
+__version__ = _read_version()
 
 
 @cache

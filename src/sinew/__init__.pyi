@@ -27,9 +27,11 @@ from sinew.measure.files.export import export_csv as export_csv
 from sinew.measure.files.export import export_mat as export_mat
 from sinew.measure.files.export import export_recording as export_recording
 from sinew.measure.files.netcdf import save_recording as save_recording
+from sinew.measure.files.tables import export_table as export_table
 from sinew.measure.read import Looked as Looked
 from sinew.measure.read import look as look
 from sinew.measure.read import read as read
+from sinew.measure.tasks import Spread as Spread
 from sinew.mechanics.guides import Dahl as Dahl
 from sinew.mechanics.guides import MaxwellSlip as MaxwellSlip
 from sinew.mechanics.laws import BoucWen as BoucWen
@@ -56,6 +58,7 @@ from sinew.plan.toml import load_plan as load_plan
 from sinew.plan.toml import load_rig as load_rig
 from sinew.predict.joints.design import Design as Design
 from sinew.predict.joints.design import design_rig as design_rig
+from sinew.predict.multibody import export_model as export_model
 from sinew.predict.predicted import Predicted as Predicted
 from sinew.predict.predicted import predict as predict
 from sinew.tune.design import Designed as Designed

@@ -91,6 +91,16 @@ def choose_plan(page: Any, name: str) -> None:
     raise AssertionError(f"no plan {name} can be chosen")
 
 
+def findings(page: Any) -> list[tuple[str, str, str]]:
+    """Return whatever axe-core finds in a page, however small."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+    return [
+        (rule["id"], node["html"][:160], node["failureSummary"][:200])
+        for rule in axe.Axe().run(page).response["violations"]
+        for node in rule["nodes"]
+    ]
+
+
 def plan_text(page: Any) -> str:
     """Return the plan in the editor, which draws only the lines that are seen."""
     page.wait_for_selector("#sinew-plan-text .cm-content[aria-label]")

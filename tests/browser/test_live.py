@@ -1,6 +1,7 @@
 """A run in a real browser, on an emulated bench in real time: seen, paused, stopped at once, and kept whole."""
 
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -49,7 +50,7 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     """Start a plan of the shelf from the page, as a user does, and return the run's folder when samples come."""
     page.goto(f"{dashboard.base}/plan")
     page.wait_for_selector("#sinew-duration")
-    if page.inner_text("#sinew-take") != "Hand over":
+    if page.inner_text("#sinew-take") != "Give control up":
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     choose_plan(page, plan)
@@ -61,21 +62,22 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     return dashboard.await_run()
 
 
-def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_four_clicks_in_a_minute(
+def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_three_clicks_in_a_minute(
     opened: Open, tmp_path: Path
 ) -> None:
     began = time.monotonic()
     with served(tmp_path / "runs", "--emulate") as dashboard:
         page = opened(dashboard)
-        page.get_by_role("link", name="Plan").click()
-        page.get_by_role("button", name="Take control").click()
-        page.locator("#sinew-start:not([disabled])").click()
+        page.get_by_role("link", name="Plan a run").click()
+        page.get_by_role("button", name="Take control and start").click()
         page.wait_for_url(f"{dashboard.base}/")
         page.locator("#sinew-open-last").click(timeout=200_000)
         page.wait_for_function(
             "document.querySelector('.nicegui-echart')?.textContent.includes('4 mm')", timeout=120_000
         )
         assert time.monotonic() - began < 60.0
+        page.wait_for_selector("tr >> text=frequency of the largest fundamental")
+        page.wait_for_selector("[data-verdict] >> text=judged values")
 
 
 def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench: Served) -> None:
@@ -108,6 +110,18 @@ def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench
     frozen = truth["clock_s_at_zero"] + truth["frozen_since_s"]
     assert truth["in_safe_state"]
     assert 0.0 < frozen - pressed < SAFE_WITHIN_S
+
+
+def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pulls(opened: Open, bench: Served) -> None:
+    page = opened(bench)
+    page.wait_for_function("document.getElementById('sinew-limit-tension').value === '180'")
+    page.fill("#sinew-limit-tension", "12")
+    page.keyboard.press("Tab")
+    start(page, bench, "brief")
+    page.wait_for_selector("#sinew-notice-alarm-tension[role=alert]")
+    said = page.inner_text("#sinew-notice-alarm-tension")
+    assert float(re.search(r"Tension of tendon \d: (\d+) N", said)[1]) > 12  # type: ignore[index]
+    assert "the limit is 12 N" in said
 
 
 def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, bench: Served, tmp_path: Path) -> None:

@@ -155,3 +155,15 @@ def test_a_triggered_picture_stands_and_its_gain_is_that_of_the_amplitudes(
     periods = (starts + 0.2) * hz  # the crossing is a tenth of the screen from its left
     assert np.abs(periods - np.round(periods)).max() / hz < 0.001
     assert gains == pytest.approx(2.5, rel=0.01)
+
+
+def test_what_was_chosen_is_there_again_after_the_page_was_left(page: Any, swung: Served) -> None:
+    page.locator("#sinew-legend input").first.uncheck()
+    page.check("#sinew-gain")
+    page.click("#sinew-cursors")
+    page.goto(f"{swung.base}/runs")
+    page.goto(f"{swung.base}/run/swing/samples")
+    page.wait_for_function(SHOWN)
+    chosen = (page.locator("#sinew-legend input").first.is_checked(), page.is_checked("#sinew-gain"))
+    assert (*chosen, page.get_attribute("#sinew-cursors", "aria-pressed")) == (False, True, "true")
+    assert "drive_command" not in page.evaluate("SinewScope.scope.lines(SinewScope.bins).map((line) => line.key)")

@@ -3,17 +3,16 @@
 The runs are played: no test here keeps time with a bench.
 """
 
+import json
 import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from tests.browser import played_run
-from tests.browser.dashboard import choose_plan, edit_plan
-from tests.browser.stage import Stage, staged
+from tests.browser.dashboard import choose_plan, edit_plan, findings
+from tests.browser.stage import PLAN, Stage, staged
 from tests.contracts.serving import until
-
-axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
 
 pytestmark = pytest.mark.slow
 
@@ -47,7 +46,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 def in_control(opened: Open, stage: Stage, path: str = "/", **how: Any) -> Any:
     page = opened(stage, path, **how)
-    if page.inner_text("#sinew-take") != "Hand over":
+    if page.inner_text("#sinew-take") != "Give control up":
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     return page
@@ -56,15 +55,6 @@ def in_control(opened: Open, stage: Stage, path: str = "/", **how: Any) -> Any:
 def watch(page: Any) -> None:
     """Wait until the live page draws what comes."""
     page.wait_for_function("Number(document.body.dataset.samples) > 100 && document.body.dataset.stale === 'false'")
-
-
-def findings(page: Any) -> list[tuple[str, str, str]]:
-    """Return whatever axe-core finds, however small."""
-    return [
-        (rule["id"], node["html"][:160], node["failureSummary"][:200])
-        for rule in axe_api.Axe().run(page).response["violations"]
-        for node in rule["nodes"]
-    ]
 
 
 def is_uncovered(page: Any) -> bool:
@@ -342,7 +332,7 @@ def test_who_is_deposed_is_told_so(opened: Open, stage: Stage) -> None:
     first, second = in_control(opened, stage), opened(stage)
     second.click("#sinew-take")
     first.wait_for_selector("#sinew-notice-deposed")
-    assert "Somebody else took control" in first.inner_text("#sinew-notice-deposed")
+    assert "Another page took control" in first.inner_text("#sinew-notice-deposed")
     first.click("#sinew-seen")
     first.wait_for_selector("#sinew-notice-deposed", state="detached")
 
@@ -398,7 +388,9 @@ def test_control_ends_with_its_tab_and_not_with_its_page(opened: Open, stage: St
     for path in ("/runs", "/design", "/no-such-page", "/"):
         first.goto(stage.base + path)
         first.wait_for_function("window.Sinew && Sinew.status()?.operator?.mine")
-    second.wait_for_function("document.getElementById('sinew-who').textContent === 'Somebody else is in control'")
+    second.wait_for_function(
+        "document.getElementById('sinew-who').textContent.startsWith('Another page is in control since')"
+    )
     first.close(run_before_unload=True)
     second.wait_for_function(
         "document.getElementById('sinew-who').textContent === 'Nobody is in control'", timeout=30_000
@@ -409,15 +401,15 @@ def test_a_start_is_offered_to_whoever_can_start(opened: Open, stage: Stage) -> 
     page = opened(stage, "/plan")
     page.wait_for_selector("#sinew-duration")
     choose_plan(page, "first")
-    page.wait_for_selector("#sinew-start[data-ready=yes]")
-    assert page.locator("#sinew-start").is_disabled()
-    assert page.inner_text("#sinew-start-why") == "Take control to start."
-    page.click("#sinew-take")
     page.wait_for_selector("#sinew-start:not([disabled])")
+    assert page.inner_text("#sinew-start") == "Take control and start"
     other = opened(stage)
     other.click("#sinew-take")
     page.wait_for_selector("#sinew-start[disabled]")
-    assert "Somebody else is in control" in page.inner_text("#sinew-start-why")
+    assert "Another page is in control: take over" in page.inner_text("#sinew-start-why")
+    page.click("#sinew-take")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    assert page.inner_text("#sinew-start") == "Start"
 
 
 def test_f9_stops_the_bench_of_its_own_page_only(opened: Open, stage: Stage, name: str, tmp_path: Any) -> None:
@@ -655,6 +647,70 @@ def test_whatever_has_the_focus_shows_it(opened: Open, stage: Stage, path: str) 
     assert [where for where, is_shown in seen.items() if not is_shown] == []
 
 
+def go_to(page: Any, target: str, key: str = "Tab") -> None:
+    """Go to what a selector finds, by a key alone; whatever has the focus on the way shows it."""
+    page.wait_for_selector(target)
+    for _ in range(90):
+        page.keyboard.press(key)
+        where, is_shown = page.evaluate(FOCUS) or ("the page", True)
+        assert is_shown, where
+        if page.evaluate("target => document.activeElement.matches(target)", target):
+            return
+    raise AssertionError(f"{key} does not lead to {target}")
+
+
+BRIEF = PLAN.format(name="brief", repeats=2).replace("[2, 6]", "[2]")
+
+
+def test_a_run_is_planned_steered_and_noted_by_keyboard_alone(opened: Open, stage: Stage) -> None:
+    shelf = stage.runs / "plans"
+    shelf.mkdir(exist_ok=True)
+    (shelf / "a brief one.toml").write_text(BRIEF)
+    page = opened(stage)
+    go_to(page, ".sinew-nav a[href='/plan']")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/plan")
+    page.wait_for_selector("#sinew-duration:not(:empty)")
+    go_to(page, "#sinew-take")
+    page.keyboard.press("Space")
+    page.wait_for_function("Sinew.status().operator?.mine")
+    go_to(page, "[aria-label='Begin with the plan']")
+    for _ in range(30):
+        here = page.locator(".q-menu .q-manual-focusable--focused")
+        if here.count() and "a brief one" in here.inner_text():
+            break
+        page.keyboard.press("ArrowUp" if here.count() else "Space")  # the list may close again while the page is busy
+        page.wait_for_timeout(300)
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.querySelector('#sinew-plan-text').textContent.includes('brief')")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    go_to(page, "#sinew-start", "Shift+Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"{stage.base}/")
+    watch(page)
+    go_to(page, "#sinew-pause")
+    page.keyboard.press("Space")
+    page.wait_for_function("Sinew.status().run?.state === 'paused'")
+    go_to(page, "#sinew-resume")
+    page.keyboard.press("Space")
+    page.wait_for_selector("#sinew-notice-ended.good")
+    page.wait_for_selector(".nicegui-echart >> nth=0 >> text=2 mm, measured")
+    go_to(page, "#sinew-open-last")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("[data-keep]")
+    go_to(page, "[data-notes]")
+    page.keyboard.type("by keyboard")
+    go_to(page, "[data-keep]")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("text=are kept")
+    go_to(page, "a[href$='/samples']")
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.body.dataset.samples === 'shown'")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "sinew-emergency"
+    assert [json.loads(path.read_text())["notes"] for path in stage.runs.glob("*/notes.json")] == ["by keyboard"]
+
+
 def test_nothing_moves_by_itself_for_whoever_wants_it_still(opened: Open, stage: Stage) -> None:
     page = opened(stage)
     page.emulate_media(reduced_motion="reduce")
@@ -698,10 +754,11 @@ STATES = ("empty", "preparing", "running", "alarm", "paused", "ended early", "em
 def test_axe_finds_nothing_in_any_state(opened: Open, stage: Stage, name: str, state: str) -> None:
     page = opened(stage)
     stand(stage, page, state, name)
-    for theme in ("light", "dark"):
+    for theme, size in (("light", "desk"), ("dark", "desk"), ("dark", "phone")):
         page.emulate_media(color_scheme=theme)
+        page.set_viewport_size(dict(zip(("width", "height"), SIZES[size], strict=True)))
         page.wait_for_timeout(400)
-        assert (theme, findings(page)) == (theme, [])
+        assert (theme, size, findings(page)) == (theme, size, [])
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -164,7 +164,7 @@ def test_who_does_not_operate_steers_nothing(served: Served, command: str) -> No
     served.operator()
     viewer = served.page()
     answer = viewer.says(command, name="one", plan=plan(), rig=RIG)
-    assert (answer.status_code, answer.json()["sentence"]) == (403, "page 1 operates the bench; take it over first")
+    assert (answer.status_code, answer.json()["sentence"]) == (403, "another page is in control; take over first")
 
 
 def test_nobody_operates_until_somebody_takes_the_bench(served: Served) -> None:
@@ -173,7 +173,7 @@ def test_nobody_operates_until_somebody_takes_the_bench(served: Served) -> None:
 
 def test_taking_over_is_a_command_and_puts_the_former_operator_among_the_viewers(served: Served) -> None:
     first, second = served.operator(), served.page()
-    assert second.says("take").json()["sentence"] == "this page operates the bench now; page 1 did before"
+    assert second.says("take").json()["sentence"] == "this page is in control now; another page was before"
     assert first.says("give").status_code == 403
 
 

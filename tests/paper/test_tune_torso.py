@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sinew.measure.tasks import Spread
 from sinew.plan.check import check_plan
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import shear_modulus_of
@@ -47,7 +48,7 @@ def test_two_workers_of_a_cluster_give_the_front_that_one_process_gives() -> Non
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
     ) as cluster:
-        spread = design_joints(RIG, TARGET, silicones, SHAPES[:2], effort, scheduler=cluster.scheduler_address)
+        spread = design_joints(RIG, TARGET, silicones, SHAPES[:2], effort, spread=Spread(cluster.scheduler_address))
     assert [one.rig for one in spread.evaluated] == [one.rig for one in alone.evaluated]
     assert [one.objectives for one in spread.evaluated] == [one.objectives for one in alone.evaluated]
     assert np.array_equal(spread.front, alone.front)

@@ -87,7 +87,7 @@ def test_control_ends_soon_after_its_page_was_closed() -> None:
     assert operators.operator(ticket.id) is not None
     time[0] = LEAVES_S + 0.1
     assert operators.operator(ticket.id) is None
-    with pytest.raises(RefusedError, match="nobody operates"):
+    with pytest.raises(RefusedError, match="nobody is in control"):
         operators.require_operator(ticket)
 
 

@@ -14,6 +14,8 @@ from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import quantity
+from sinew.apps.dashboard.pages.plan import timeline_html
+from sinew.apps.dashboard.pages.runs import looks
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 
@@ -87,6 +89,12 @@ def test_a_chart_is_summarised_in_words() -> None:
     )
 
 
+def test_a_sentence_begins_large_and_its_units_stay_as_they_are() -> None:
+    stage = {"kind": "steady", "groups": 1, "start_s": 0.0, "duration_s": 4.0}
+    stage |= {"frequency_hz": 2.7, "amplitude_deg": 20.0, "pretension_mm": 4.0}
+    assert 'title="Record the steady swing at 2.7 Hz, 4 mm: 0:00 to 0:04, 4.0 s"' in timeline_html([stage])
+
+
 def test_the_table_holds_every_point_and_escapes_its_words() -> None:
     table = table_of("gain", [AGAINST], "frequency / Hz")
     assert table.count("<tr>") == 3
@@ -154,6 +162,20 @@ class FakeWork:
             return {"curves": [curve | bands], "can_have_bands": self.can_have_bands}
         curve = {"pretension_mm": 12.0, "frequency_hz": [1.0], "gain": [estimate(1.0)], "phase": [estimate(90.0)]}
         return {"curves": [curve], "damping": [], "notes": [], "pending": self.pending.pop(0) if self.pending else 0}
+
+
+def test_a_list_of_runs_is_looked_at_until_every_folder_is_read() -> None:
+    class Slow(FakeWork):
+        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
+            return {"left": lefts.pop(0)}
+
+    async def told() -> list[int]:
+        return [found["left"] async for found in looks(Slow(), "runs", "", "key") if found is not None]
+
+    lefts = [700, 300, 0, 5]
+    assert (asyncio.run(told()), lefts) == ([700, 300, 0], [5])
+    lefts = [9, 9, 9]  # of more folders than there may be some are never read
+    assert asyncio.run(told()) == [9, 9]
 
 
 def results_with(work: Any) -> Results:

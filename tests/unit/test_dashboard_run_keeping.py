@@ -1,9 +1,11 @@
 """Runs are renamed, noted, put into the bin and taken back: whole or not at all, and nothing that is under way."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
+from tests.patience import finished
 from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
@@ -65,11 +67,11 @@ def test_two_runs_of_one_name_lie_side_by_side_in_the_bin(runs: Path) -> None:
     assert list_bin(runs) == ["old", "old.2"]
 
 
-def test_a_run_does_not_come_back_over_another_one(runs: Path) -> None:
+def test_a_run_comes_back_beside_whatever_has_its_name(runs: Path) -> None:
     bin_run(runs, "old")
     run_folder(runs / "old", [0])
-    with pytest.raises(RefusedError, match="there is a run old already"):
-        restore_run(runs, "old")
+    assert restore_run(runs, "old") == "the run old is back as old.2: something else has its name"
+    assert names(runs) == ["old", "old.2"]
 
 
 def test_a_bin_that_is_a_link_is_refused(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -142,3 +144,36 @@ def test_a_run_that_is_being_begun_is_neither_renamed_nor_put_away(steward: Stew
     steward._desk.beginning = "old"
     with pytest.raises(RefusedError, match="under way"):
         steward.keep(told(command, name="old", to="new"))
+
+
+def test_a_run_does_not_go_on_while_it_is_renamed(steward: Steward, monkeypatch: pytest.MonkeyPatch) -> None:
+    refusals = []
+
+    def rename_slowly(runs: Path, name: str, to: str) -> str:
+        with pytest.raises(RefusedError) as refusal:
+            steward.go_on(name)
+        refusals.append(str(refusal.value))
+        return rename_run(runs, name, to)
+
+    monkeypatch.setattr("sinew.apps.dashboard.steward.rename_run", rename_slowly)
+    steward.keep(told("rename", name="old", to="new"))
+    assert "is being renamed" in refusals[0]
+
+
+def test_a_run_that_could_not_be_renamed_may_go_on(steward: Steward, runs: Path) -> None:
+    (runs / "taken").mkdir()
+    with pytest.raises(RefusedError, match="there is a run taken already"):
+        steward.keep(told("rename", name="old", to="taken"))
+    with pytest.raises(RefusedError, match="no bench is connected"):
+        steward.go_on("old")
+
+
+def test_a_note_needs_no_reader_of_recordings(runs: Path) -> None:
+    code = f"""
+import sys
+from pathlib import Path
+import sinew.apps.dashboard.steward
+from sinew.apps.dashboard.work.runs import note_run
+note_run(Path({str(runs)!r}), "old", "soft", ["wet"])
+print("xarray" in sys.modules, "pandas" in sys.modules)"""
+    assert finished([sys.executable, "-c", code], check=True).stdout.split() == ["False", "False"]

@@ -133,6 +133,12 @@ def test_a_run_says_where_its_segments_begin(folder: Path) -> None:
     assert "torsion" in about["known"]
 
 
+def test_a_run_that_has_no_sample_yet_is_one_of_no_length(tmp_path: Path) -> None:
+    with Journal.create(tmp_path / "journal.sqlite", dump_plan(load_plan("short")), dump_rig(load_rig("paper"))):
+        about = json.loads(samples.samples_about(str(tmp_path)))
+    assert (about["end_s"], about["segments"]) == (0.0, [])
+
+
 def test_a_spectrum_finds_a_swing_at_its_frequency(folder: Path) -> None:
     found = json.loads(samples.samples_spectrum(str(folder), 100.0, 110.0))
     amplitude = np.array(found["amplitude"][DRIVE])

@@ -8,14 +8,15 @@ import time as clock
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.websockets import WebSocket
 
-from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, state_of
+from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, serve_stream, state_of
 from sinew.apps.dashboard.judgement import Readings, alarm_limits
 from sinew.apps.dashboard.work.samples import Channel, LiveChannels
 from sinew.bench.record.journal import Journal
@@ -177,6 +178,40 @@ def test_what_came_in_one_go_is_played_little_by_little(runs: Path) -> None:
     assert 0 < played[0] < 100
     assert played == sorted(played)
     assert played[-1] == 200
+
+
+class Sink:
+    """A socket that takes all it is sent, and says nothing."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+
+    async def accept(self) -> None:
+        pass
+
+    async def send_text(self, text: str) -> None:
+        self.kinds.append(json.loads(text)["kind"])
+
+    async def receive_text(self) -> str:
+        await asyncio.Event().wait()
+        return ""
+
+
+def test_a_viewer_gets_a_frame_with_each_look_that_finds_samples(runs: Path) -> None:
+    async def watch(hub: Hub) -> list[int]:
+        sink, counts = Sink(), []
+        watching = asyncio.create_task(serve_stream(cast(WebSocket, sink), hub))
+        for i in range(5):
+            put(journal, range(50 * i, 50 * i + 50))
+            await hub.tick(0.04)
+            for _ in range(100):  # turns of the loop, not time
+                await asyncio.sleep(0)
+            counts.append(sink.kinds.count("samples"))
+        watching.cancel()
+        return counts
+
+    with journal_of(runs) as journal:
+        assert asyncio.run(watch(hub_at(runs))) == [1, 2, 3, 4, 5]
 
 
 HEALTH = Health("running", 7, 0, 0, 0.1, 2.0, {"drive": 31.0}, 12.0, {"retries": 0}, 1.0, 9.0, 0, 2)

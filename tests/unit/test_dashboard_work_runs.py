@@ -1,8 +1,10 @@
 """The list of runs, their results and their files: made once, kept, and never an exception for a damaged folder."""
 
+import itertools
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -12,9 +14,10 @@ from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN_TEXT, run_fol
 
 from sinew.apps.dashboard.work import runs as runs_module
 from sinew.apps.dashboard.work.results import download, run_results
-from sinew.apps.dashboard.work.runs import list_runs, run_summary
+from sinew.apps.dashboard.work.runs import list_runs, look_at_runs, run_summary
 from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.files import export
 from sinew.measure.files.netcdf import load_recording
 
 
@@ -126,6 +129,33 @@ def test_a_downloaded_table_has_a_row_for_each_sample(whole: Path) -> None:
     with zipfile.ZipFile(download(whole, "csv")) as packed, packed.open("whole.csv") as table:
         rows = len(pd.read_csv(table))
     assert rows == load_recording(download(whole, "recording")).sizes["sample"]
+
+
+def test_who_takes_the_table_while_another_makes_it_takes_nothing_from_him(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, export_csv, sizes = run_folder(tmp_path / "run", [0, 1]), export.export_csv, []
+
+    def export_with_another(recording: Any, table: Path) -> None:
+        export_csv(recording, table)
+        sizes.append(table.stat().st_size)
+        if len(sizes) == 1:
+            download(folder, "csv")
+
+    monkeypatch.setattr(export, "export_csv", export_with_another)
+    with zipfile.ZipFile(download(folder, "csv")) as packed:
+        assert [packed.getinfo("run.csv").file_size] * 2 == sizes
+
+
+def test_a_look_at_a_new_folder_gives_its_turn_back_within_two_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(8):
+        run_folder(tmp_path / f"run{number}", [])
+    now = itertools.count(step=0.5)  # half a second for each run that is read
+    monkeypatch.setattr("sinew.analysis.run_index.time.monotonic", lambda: next(now))
+    left = [look_at_runs(tmp_path)["left"] for _ in range(3)]
+    assert left == [4, 0, 0]
 
 
 def test_a_downloaded_matlab_file_reads_back(whole: Path) -> None:

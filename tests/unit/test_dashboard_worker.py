@@ -10,7 +10,7 @@ from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
 from sinew.apps.dashboard.work.runs import shelf
-from sinew.apps.dashboard.worker import CALLS, POOLS, Call, Worker, WorkerError
+from sinew.apps.dashboard.worker import CALLS, POOLS, Call, Worker, WorkerError, unless_left
 from sinew.measure.errors import SpecError
 
 _HERE = "tests.unit.dashboard_calls"
@@ -158,6 +158,28 @@ def test_in_a_pool_of_two_processes_a_call_does_not_wait_behind_another(
         assert asyncio.run(both()) == "0"
     finally:
         pair.close()
+
+
+def test_a_call_that_nobody_waits_for_any_more_is_cut_off(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(is_cut=True)})
+    pages, notes = Worker(), tmp_path / "notes"
+
+    async def leave() -> bool:
+        before, left = int(await pages.call("process")), asyncio.Event()
+        asked = asyncio.create_task(unless_left(pages.call("note", str(notes), "0"), left.wait()))
+        while not notes.exists():  # it is under way, and goes on until it is told to end
+            await asyncio.sleep(0.01)
+        left.set()
+        with pytest.raises(asyncio.CancelledError):
+            await asked
+        return bool(await asyncio.to_thread(until, lambda: is_gone(before)))
+
+    try:
+        assert asyncio.run(leave())
+    finally:
+        pages.close()
 
 
 def test_the_preview_that_a_start_needs_waits_behind_nothing_that_takes_long() -> None:

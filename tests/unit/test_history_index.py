@@ -1,9 +1,12 @@
 """The index of runs: only what changed is read, whatever lies in the folder, by one process or two."""
 
+import math
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +14,9 @@ import pytest
 from benchmarks.run_index import make_runs
 
 from sinew.analysis import run_index as index_module
-from sinew.analysis.run_index import INDEX, RunIndex
+from sinew.analysis.run_index import INDEX, Refreshed, RunIndex
 from sinew.apps.dashboard.work.runs import index_of, list_runs, read_run
+from sinew.measure.errors import FileError
 
 
 def folder_of(tmp_path: Path, *names: str) -> Path:
@@ -100,6 +104,49 @@ def test_an_index_of_another_version_is_made_anew(tmp_path: Path, monkeypatch: p
     refreshed(runs, Reader())
     monkeypatch.setattr(index_module, "_VERSION", 999)
     assert refreshed(runs, Reader()) == ["a"]
+
+
+def test_an_index_that_is_a_folder_is_done_without(tmp_path: Path) -> None:
+    runs = folder_of(tmp_path, "a")
+    (runs / INDEX / "runs.sqlite").mkdir(parents=True)
+    assert refreshed(runs, Reader()) == ["a"]
+
+
+def test_an_index_that_somebody_holds_is_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = folder_of(tmp_path, "a")
+    monkeypatch.setattr(index_module, "_BUSY_S", 0.0)
+    with RunIndex(runs, look, Reader()) as opened, closing(sqlite3.connect(runs / INDEX / "runs.sqlite")) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(FileError, match="locked"):
+            opened.refresh()
+
+
+def test_what_was_broken_for_a_moment_is_read_again(tmp_path: Path) -> None:
+    runs = folder_of(tmp_path, "a")
+    answers: list[OSError | dict[str, Any]] = [OSError("too many open files"), {"state": "complete", "found": []}]
+
+    def read(_: Path) -> dict[str, Any]:
+        answer = answers.pop(0)
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
+
+    with RunIndex(runs, look, read) as opened:
+        assert [opened.refresh().read for _ in range(3)] == [1, 1, 0]
+
+
+def test_a_folder_whose_name_is_no_text_is_left_out_and_counted(tmp_path: Path) -> None:
+    runs = folder_of(tmp_path, "a", os.fsdecode(b"caf\xe9"))
+    with RunIndex(runs, look, Reader()) as opened:
+        assert opened.refresh() == Refreshed(read=1, kept=0, gone=0, left=1)
+
+
+def test_what_was_found_at_a_pretension_that_is_no_number_is_left_out(tmp_path: Path) -> None:
+    runs = folder_of(tmp_path, "a")
+    found = [{"pretension_mm": math.nan}, {"pretension_mm": 4.0}]
+    with RunIndex(runs, look, lambda folder: {"state": "complete", "found": found}) as opened:
+        opened.refresh()
+        assert [one["pretension_mm"] for one in opened.search()[0]["found"]] == [4.0]
 
 
 def test_an_index_that_is_a_link_is_not_followed(tmp_path: Path) -> None:

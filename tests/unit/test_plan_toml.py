@@ -128,6 +128,7 @@ RIG_FAULTS = {
         "rig key limits.pretension_mm: the first number, 16, must be below the second, 0",
     ),
     "broken TOML": ("count = 4", "count == 4", "is not valid TOML"),
+    "a word for a number": ("count = 4", "count = four  # of them", "found 'four' there"),
 }
 
 

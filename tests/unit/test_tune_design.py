@@ -1,6 +1,5 @@
 """The parts of a design search: closed sections, a candidate and its slopes, who is dominated, what is refused."""
 
-import math
 from pathlib import Path
 
 import jax
@@ -14,7 +13,7 @@ from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
-from sinew.tune.design import blocks_of, nondominated, run_tasks, search_block, spread_out
+from sinew.tune.design import blocks_of, nondominated, search_block, spread_out
 from sinew.tune.pretension import Swing, find_resonances
 from sinew.twin.cache import configure
 
@@ -119,12 +118,6 @@ def test_few_points_that_stand_for_many_lie_apart() -> None:
     rows = np.exp(np.array([[0.0, 1.0], [0.01, 0.99], [1.0, 0.0], [0.4, 0.4], [0.41, 0.41]]))
     assert spread_out(rows, 3) == [3, 0, 2]
     assert spread_out(np.zeros((0, 2)), 3) == []
-
-
-def test_tasks_come_back_in_their_order() -> None:
-    told: list[tuple[float, float]] = []
-    assert run_tasks(math.sqrt, [4.0, 9.0], progress=lambda done, total: told.append((done, total))) == [2.0, 3.0]
-    assert told == [(1, 2), (2, 2)]
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,12 @@ import re
 import sqlite3
 import threading
 import time
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -272,7 +274,6 @@ MOST_RUNS = 20_000
 """So many folders are looked at; the rest are not in the index."""
 
 _FILE = "runs.sqlite"
-_VERSION = 1
 _APPLICATION = 0x53_4E_57_49
 _BUSY_S = 20.0
 _BATCH = 50
@@ -288,13 +289,14 @@ Look = Callable[[Path], str | None]
 Read = Callable[[Path], dict[str, Any]]
 """Returns what a run is and found: the columns of the index by name, `tags` (list) and `found`, a list of
 `{"pretension_mm", quantity: {"value", "std", "interval90"}}`; whatever it raises becomes a row, with the state
-damaged."""
+damaged, and may be trouble of the moment: it is read again at the next look."""
 
 
 @dataclass(frozen=True)
 class Refreshed:
     """What a refresh did. read: folders that were new or had changed. kept: that had not. gone: rows whose folder is
-    there no more. left: folders that were not read in the time there was, or are beyond the most that there may be.
+    there no more. left: folders that were not read in the time there was, are beyond the most that there may be, or
+    have a name that is no text (not UTF-8).
     """
 
     read: int
@@ -322,7 +324,10 @@ class RunIndex:
         if not self.runs.is_dir() or folder.is_symlink() or path.is_symlink() or not os.access(folder, os.W_OK):
             return _prepared(sqlite3.connect(":memory:"))
         for _ in range(2):
-            connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
+            try:
+                connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
+            except sqlite3.OperationalError:  # what lies there is no file
+                break
             try:
                 return _prepared(connection)
             except sqlite3.OperationalError:  # of a file system that cannot lock, or that is full
@@ -357,7 +362,7 @@ class RunIndex:
             for name in wanted[start : start + _BATCH]:
                 if most_s is not None and time.monotonic() - began > most_s:
                     break
-                rows.append((name, found[name], self._read_row(self.runs / name)))
+                rows.append((name, *self._read_row(self.runs / name, found[name])))
             self._write(rows)
             done += len(rows)
             progress(done, len(wanted))
@@ -365,7 +370,7 @@ class RunIndex:
         return Refreshed(done, len(found) - len(wanted), len(gone), len(wanted) - done + beyond)
 
     def _folders(self) -> tuple[dict[str, str], int]:
-        """Return the stamp of each folder with a run, by name, and how many are beyond the most."""
+        """Return the stamp of each folder with a run, by name, and how many folders were not looked at."""
         try:
             with os.scandir(self.runs) as entries:
                 names = sorted(
@@ -377,20 +382,20 @@ class RunIndex:
             return {}, 0
         except OSError as error:
             raise FileError(f"cannot list {self.runs}: {error.strerror or error}; name a folder of runs") from error
-        stamps = {name: stamp for name in names[:MOST_RUNS] if (stamp := self._look(self.runs / name)) is not None}
-        return stamps, max(0, len(names) - MOST_RUNS)
+        texts = [name for name in names if _is_text(name)]
+        stamps = {name: stamp for name in texts[:MOST_RUNS] if (stamp := self._look(self.runs / name)) is not None}
+        return stamps, len(names) - len(texts[:MOST_RUNS])
 
-    def _read_row(self, folder: Path) -> dict[str, Any]:
+    def _read_row(self, folder: Path, stamp: str) -> tuple[str, dict[str, Any]]:
         try:
-            return self._read(folder)
+            return stamp, self._read(folder)
         except Exception as trouble:  # whatever lies in a folder, the others are listed
             reason = " ".join(str(trouble).split()) or type(trouble).__name__
-            return {"name": folder.name, "state": "damaged", "sentence": reason, "found": []}
+            return "", {"name": folder.name, "state": "damaged", "sentence": reason, "found": []}
 
     def _write(self, rows: Sequence[tuple[str, str, dict[str, Any]]]) -> None:
         """Write rows, all or none of them."""
-        with self._lock, self._connection:
-            self._connection.execute("BEGIN IMMEDIATE")
+        with self._lock, self._written():
             for name, stamp, row in rows:
                 self._connection.execute("DELETE FROM found WHERE run = ?", (name,))
                 tags = " ".join(map(str, row.get("tags") or []))
@@ -408,8 +413,7 @@ class RunIndex:
     def _forget(self, names: Sequence[str]) -> None:
         if not names:
             return
-        with self._lock, self._connection:
-            self._connection.execute("BEGIN IMMEDIATE")
+        with self._lock, self._written():
             for name in names:
                 self._connection.execute("DELETE FROM found WHERE run = ?", (name,))
                 self._connection.execute("DELETE FROM runs WHERE name = ?", (name,))
@@ -454,7 +458,25 @@ class RunIndex:
         return found
 
     def _all(self, command: str, parameters: Sequence[object] = ()) -> list[tuple[Any, ...]]:
-        return self._connection.execute(command, parameters).fetchall()
+        with self._said():
+            return self._connection.execute(command, parameters).fetchall()
+
+    @contextmanager
+    def _written(self) -> Iterator[None]:
+        """Write all that is written inside, or nothing."""
+        with self._said(), self._connection:
+            self._connection.execute("BEGIN IMMEDIATE")
+            yield
+
+    @contextmanager
+    def _said(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as trouble:
+            raise FileError(
+                f"the index {self.runs / INDEX / _FILE} does not answer ({trouble}); wait for who writes it, make room "
+                "on the disk, or delete the file: it is made anew from the runs"
+            ) from trouble
 
     def close(self) -> None:
         """Give the file back."""
@@ -473,6 +495,7 @@ class _OtherIndexError(Exception):
 
 _FOUND_NAMES = ["run", "pretension_mm", *(column for quantity in QUANTITIES for column in columns_of(quantity))]
 _FOUND_COLUMNS = ", ".join(f"f.{name}" for name in _FOUND_NAMES)
+_VERSION = zlib.crc32(repr((_RUN, _NUMBERS, _FOUND_NAMES)).encode()) & 0x7FFF_FFFF  # of the columns
 _INSERT_FOUND = f"INSERT OR REPLACE INTO found VALUES ({', '.join('?' * len(_FOUND_NAMES))})"
 
 
@@ -508,8 +531,17 @@ def _short(value: object) -> str | None:
     return None if value is None else str(value)[:_MOST_TEXT]
 
 
+def _is_text(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _bounded(row: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    yield from row.get("found", [])[:_MOST_PRETENSIONS]
+    known = (one for one in row.get("found", []) if math.isfinite(float(one["pretension_mm"])))
+    yield from islice(known, _MOST_PRETENSIONS)
 
 
 def _found_row(run: str, one: dict[str, Any]) -> list[Any]:

@@ -20,7 +20,7 @@ from scipy import optimize, special
 
 from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.measure.arrays import Array
-from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, span
+from sinew.measure.estimate import NORMAL_90, Estimate, number, span
 
 DAYS_OF_A_MONTH = 365.2425 / 12
 """Days in the month of a slope."""
@@ -238,7 +238,7 @@ class Difference:
         """Return how sure it is."""
         if self.is_significant is None:
             return "not known"
-        return f"{'yes' if self.is_significant else 'no'}, {pair(abs(self.ratio), None)} σ"
+        return f"{'yes' if self.is_significant else 'no'}, {number(abs(self.ratio), 2)} σ"
 
 
 def differences(

@@ -13,9 +13,9 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps.bench import doctor, emulate, run, serve, track
+from sinew.apps.bench import doctor, emulate, run, serve, stream, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, pose, predict, transfer
+from sinew.apps.joints import calibrate, design, model, pose, predict, transfer
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, runs, simulate
 from sinew.measure.errors import SinewError
 
@@ -48,6 +48,10 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
         "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
     ),
     transfer.transfer: ("sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat",),
+    model.model: (
+        "sinew model paper --pretension-mm 6 --out joint.xml",
+        "sinew model paper --pretension-mm 6 --out joint.urdf --json",
+    ),
     pose.modes: ("sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html",),
     design.joint: ("sinew joint --section circle --outer-mm 60 --out sixty.toml",),
     predict.compare: ("sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared",),
@@ -59,6 +63,10 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     reproduce.answer: ("sinew answer out/paper/recording.nc --out out/paper",),
     convert.import_: ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
     convert.export: ("sinew export run/recording.nc --to mat --out run/recording.mat",),
+    convert.table: (
+        "sinew table out/paper --part resonance,ring_down --out resonance.tex",
+        "sinew table fit/fit.json --to csv",
+    ),
     convert.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
     emulate.emulate: ("sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1",),
     doctor.doctor: (
@@ -68,6 +76,7 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     run.run: ("sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench",),
     track.track: ("sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone",),
     serve.serve: ("sinew serve --emulate --runs runs",),
+    stream.stream: ("sinew stream runs/monday --ws-port 8765",),
     run.stop: ("sinew stop --port /dev/ttyUSB0 --state release",),
     reproduce.report: ("sinew report out/paper",),
     reproduce.reproduce: ("sinew reproduce --out out/paper --seed 1",),

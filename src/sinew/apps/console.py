@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sinew.measure.schema import ReadKind
+    from sinew.measure.tasks import Spread
 
 Progress = Callable[[float, float], None]
 
@@ -35,7 +36,7 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.files.netcdf import write_text  # xarray: half a second
+    from sinew.measure.doors import write_text
 
     write_text(path, _json_text(document))
 
@@ -182,6 +183,25 @@ Settle = Annotated[
     float | None,
     option("S", "Sweep: how long each group settles before it is measured [s]; else its half.", "--settle"),
 ]
+
+Scheduler = Annotated[
+    str | None, option("ADDRESS", "A Dask scheduler whose workers do it, as tcp://host:8786.", "--scheduler")
+]
+Workers = Annotated[int, option("N", "Instead: so many processes of this computer.", "--workers", min=1)]
+Keep = Annotated[Path | None, option("FILE", "Keeps results as they come, and goes on from them.", "--keep")]
+Device = Annotated[str, option("cpu|gpu", "What computes; a GPU where JAX finds one.", "--device")]
+
+
+def spread_of(scheduler: str | None, workers: int, keep: Path | None, device: str = "cpu") -> "Spread":
+    """Return where the options say that tasks run. Raises SinewError where they cannot."""
+    from sinew.measure.tasks import DEVICE, Spread
+
+    if keep is not None:
+        require_file(keep)
+    spread = Spread(scheduler, workers, keep, device)
+    if scheduler is None and device != "cpu":
+        os.environ[DEVICE] = device  # also of what is computed between tasks
+    return spread
 
 
 def read_csv(

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from sinew.figures.motion import Motion, at_pretension, groups_of, motion_of, nearest, released_motion, rig_of
 from sinew.figures.style import ACCENT, GREY, INK, RED, styled
 from sinew.measure.arrays import Array
+from sinew.measure.doors import write_atomically
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.files.netcdf import write_atomically
 
 FilmKind = Literal["decay", "sweep"]
 FORMATS = (".gif", ".webp", ".mp4", ".webm")

@@ -23,8 +23,8 @@ from sinew.analysis.run_trend import Trend
 from sinew.figures.style import MARKERS, in_style, new_figure, pretension_colours, save_figure
 from sinew.measure import estimate
 from sinew.measure.arrays import Array, mean_and_spread
+from sinew.measure.doors import write_text
 from sinew.measure.estimate import DIGITS, typeset
-from sinew.measure.files.netcdf import write_text
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
 
@@ -370,7 +370,8 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
     about = QUANTITIES[found[0].quantity] if found else None
     if about is not None:
         axes.set_ylabel(about.head(" in "))
-        axes.legend(loc="best")
+        left = len(found) - len(shown)
+        axes.legend(loc="best", title=f"{len(shown)} of {len(found)} are drawn" if left else None)
     locator: Any = AutoDateLocator()  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
@@ -390,9 +391,10 @@ def save_trends(found: Sequence[Trend], path: Path) -> None:
 def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:
     """Write the page of some trends. picture: PNG of the drawing. Raises FileError."""
     sentences = [f"{one.title}: {one.sentence}" for one in found]
-    caption = Caption(
-        "Over months", "Each run with its 90 % interval; lines with their 90 % bands.", " ".join(sentences)
-    )
+    drawn = "Each run with its 90 % interval; lines with their 90 % bands."
+    if len(found) > _MOST_LINES:
+        drawn += f" The first {_MOST_LINES} of {len(found)} are drawn; the tables below hold all."
+    caption = Caption("Over months", drawn, " ".join(sentences))
     return write_page(
         path,
         "prediction.html",

@@ -19,7 +19,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from sinew.measure.files.netcdf import write_atomically
+from sinew.measure.doors import write_atomically
 
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"

@@ -1,4 +1,5 @@
-"""What a caller may hand in at a door of the library: times, numbers, paths, recordings, and the sentence for the rest.
+"""What a caller may hand in at a door of the library: times, numbers, paths, recordings, and the sentence for the rest;
+and files that leave it whole or not at all.
 
 Every public function that takes arrays, a path or a recording from a user's own program brings them into one shape
 here, so that a list, a pandas Series or Index, an xarray DataArray, whole numbers or float32 mean what they say. What
@@ -8,6 +9,8 @@ numbers (which become nanoseconds), quantities with a unit of their own, a DataF
 
 import os
 import resource
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,3 +137,50 @@ def most_bytes() -> int:
     half = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
     own, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return half if own == resource.RLIM_INFINITY else min(half, own // 4)
+
+
+# What leaves: light to import, for a process that steers a bench writes notes, too.
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file, see `write_atomically`."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(text.encode("utf-8"))
+
+    write_atomically(path, write)
+
+
+def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
+    """Write a file whole or not at all: to a temporary neighbour, flushed to disk, then renamed.
+
+    write: gets the temporary path and writes the content there.
+    Raises FileError where the folder cannot be written.
+    """
+    path = as_path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise FileError(
+            f"cannot write {path}: {error.strerror or error}; choose a folder that you may write"
+        ) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except (OSError, RuntimeError) as error:  # the NetCDF library reports a full disk as RuntimeError
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FileError(f"cannot write {path}: {reason}; choose another place and check the free space") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

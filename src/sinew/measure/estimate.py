@@ -137,6 +137,20 @@ def pair(value: float | None, half: float | None, unit: str = "", most: int = MO
     return _with_unit(text if exponent == 0 else f"({text})e{exponent:+03d}", unit)
 
 
+def parenthesised(value: float | None, std: float | None, most: int = MOST_DIGITS) -> str:
+    """Return "3.021(20)", the uncertainty in units of the last digits, as siunitx and CODATA write it; with an exponent
+    "1.23(4)e+08". The value alone where it has none."""
+    if not _known(value) or value is None or not std or not math.isfinite(std) or not math.isfinite(value):
+        return number(value)
+    std = abs(std)
+    decimals, coarse = _decimals(value, std, most)
+    exponent = _exponent(value, std, decimals)
+    scale, places = 10.0**exponent, decimals + exponent
+    said = _up(std / scale, places) if coarse else std / scale
+    digits = _plain(said * 10.0 ** max(0, places), min(0, places))
+    return f"{_plain(value / scale, places)}({digits}){f'e{exponent:+03d}' if exponent else ''}"
+
+
 def interval(value: float | None, low: float | None, high: float | None, unit: str = "") -> str:
     """Return "value unit (low to high)", all with the decimals that half the interval's width gives.
 

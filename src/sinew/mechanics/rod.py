@@ -109,6 +109,33 @@ def rod_energy(q: jax.Array, rod: Rod) -> jax.Array:
     return rod.joint.length * jnp.sum(g.weights * _section_energy(strains, rod))
 
 
+class Springs(NamedTuple):
+    """What sections of a rod are like at rest, along their six strains, curvatures per metre. stress: moments [N m] and
+    forces [N], stiffness: slopes of them by their own strains, relaxed; remembered: what branches have shares of; all
+    (section, 6)."""
+
+    stress: jax.Array
+    stiffness: jax.Array
+    remembered: jax.Array
+
+
+def section_springs(strains: jax.Array, rod: Rod) -> Springs:
+    """Return the springs of sections at strains less those at rest, per metre (section, 6)."""
+
+    def energy(one: jax.Array) -> jax.Array:
+        return _section_energy(one[None], rod)[0]
+
+    stiffness = jax.vmap(lambda one: jnp.diag(jax.hessian(energy)(one)))(strains)
+    return Springs(jax.vmap(jax.grad(energy))(strains), stiffness, _remembered(1 + strains[:, 3], rod).T)
+
+
+def _remembered(stretch: jax.Array, rod: Rod) -> jax.Array:
+    """Return the stiffnesses that branches have shares of, at stretches (n,): (6, n)."""
+    twist, bend_y, bend_z, shear_y, shear_z = _stiffnesses(stretch, rod)
+    axial = 3 * rod.joint.axial_rigidity * jnp.ones_like(stretch)
+    return jnp.stack([twist, bend_y, bend_z, axial, shear_y, shear_z])
+
+
 def _branch_energies(q: jax.Array, memory: jax.Array, rod: Rod) -> jax.Array:
     """Return the energy in each Maxwell branch [J], (branch,). memory: dashpots' coordinates (branch, 6, term).
 
@@ -116,9 +143,7 @@ def _branch_energies(q: jax.Array, memory: jax.Array, rod: Rod) -> jax.Array:
     """
     g = grid(q.shape[1])
     stretch = 1 + g.at_nodes @ q[3]
-    twist, bend_y, bend_z, shear_y, shear_z = _stiffnesses(stretch, rod)
-    axial = 3 * rod.joint.axial_rigidity * jnp.ones_like(stretch)
-    stiff = jnp.stack([twist, bend_y, bend_z, axial, shear_y, shear_z])
+    stiff = _remembered(stretch, rod)
     apart = jnp.einsum("nt,bst->bsn", g.at_nodes, q - memory) * _per_metre(rod)[:, None]
     shares = 0.5 * jnp.stack(rod.joint.prony_shares) * rod.joint.length
     return shares * jnp.einsum("n,sn,bsn->b", g.weights, stiff, apart**2)

@@ -131,7 +131,7 @@ def tendon_spans(q: jax.Array, space: Space) -> jax.Array:
     return jnp.where(space.channel > 0, _channels(q, space), jnp.sqrt(jnp.sum(chord**2, axis=1)))
 
 
-def _guides(space: Space) -> tuple[jax.Array, jax.Array]:
+def plate_guides(space: Space) -> tuple[jax.Array, jax.Array]:
     """Return the guides of the base in B and those of the head in H, from the plates' centres (tendon, 3) [m]."""
     p = space.rod.joint
     both = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
@@ -142,7 +142,7 @@ def _guides(space: Space) -> tuple[jax.Array, jax.Array]:
 def _chords(head: jax.Array, plate: jax.Array, space: Space) -> tuple[jax.Array, jax.Array]:
     """Return (guides of the head, the ways to them from those of the base), in B (tendon, 3) [m], of a head turned by
     a matrix (3, 3) at a place (3,) [m]."""
-    feet, guides = _guides(space)
+    feet, guides = plate_guides(space)
     gap = _AXIS * (space.rod.joint.free_span - space.rod.joint.length)
     there = plate + (guides + gap) @ head.T
     return there, there - feet
@@ -153,7 +153,7 @@ def _channels(q: jax.Array, space: Space) -> jax.Array:
     p = space.rod.joint
     g = grid(q.shape[1])
     strains = rest_strains(space.rod) + g.at_nodes @ q.T
-    arms = 0.5 * sum(_guides(space))
+    arms = 0.5 * sum(plate_guides(space))
     tangents = strains[:, None, 3:] + jnp.cross(strains[:, None, :3] / p.length, arms)
     along = jnp.einsum("n,nt->t", g.weights, jnp.sqrt(jnp.sum(tangents**2, axis=2))) * p.length
     return along + p.free_span - p.length

@@ -17,9 +17,11 @@ from scipy.signal import find_peaks
 from sinew.analysis.decay.free_decay import fit_envelope
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.measure.arrays import Array, Mask
+from sinew.measure.tasks import HERE, Spread, run_tasks
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import Track
+from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 _SAMPLE_HZ, _AMPLITUDE_DEG = 200.0, 20.0
@@ -219,27 +221,35 @@ def fit_paper(base: RigSpec) -> PaperFit:
     return PaperFit(rig, values, observe([rig])[0])
 
 
-def find_ranges(base: RigSpec, values: Array, progress: Progress | None = None) -> dict[str, dict[str, Any]]:
+def find_ranges(
+    base: RigSpec, values: Array, progress: Progress | None = None, *, spread: Spread = HERE
+) -> dict[str, dict[str, Any]]:
     """Return how far each free parameter can move until one of the paper's numbers is missed, by dotted name.
 
-    values: of the fit, (free,). progress: called with (done, total) parameters.
+    values: of the fit, (free,). progress: called with (done, total) parameters. spread: over which processes or cluster
+    the parameters go.
     A row is `{"value", "unit", "bounds", "alone", "together"}` in SI. alone: the others held, by bisection; together:
     the others readjusted at every step inside their bounds. Together is a search, not a proof: it may stop short of
     the true limit, never beyond it.
     """
     scale, table = scale_of(base), dict(base.parameters())
-    ranges: dict[str, dict[str, Any]] = {}
-    for index, free in enumerate(FREE):
-        ranges[free.name] = {
+    found = run_tasks(_range_of, [(base, values, index) for index in range(len(FREE))], spread, progress)
+    return {
+        free.name: {
             "value": float(f"{values[index]:.6g}"),
             "unit": table[free.name].unit,
             "bounds": [float(scale.low[index]), float(scale.high[index])],
-            "alone": [float(f"{v:.4g}") for v in _alone(base, values, index)],
-            "together": [float(f"{v:.4g}") for v in _together(base, values, index)],
+            "alone": [float(f"{v:.4g}") for v in found[index][0]],
+            "together": [float(f"{v:.4g}") for v in found[index][1]],
         }
-        if progress is not None:
-            progress(index + 1, len(FREE))
-    return ranges
+        for index, free in enumerate(FREE)
+    }
+
+
+def _range_of(task: tuple[RigSpec, Array, int]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how far a parameter can move, (alone, together)."""
+    configure()
+    return _alone(*task), _together(*task)
 
 
 def _fit(

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
+from sinew.measure import tasks
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError, how_to_install
 from sinew.paper.numbers import FREE, Scale, misfit, observe, rig_with, scale_of
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
+from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters
 
 # ---- sampler of a posterior whose model takes long: a surrogate proposes, the model itself accepts
@@ -377,12 +379,14 @@ def paper_posterior(
     *,
     seed: int,
     effort: Effort | None = None,
+    spread: tasks.Spread = tasks.HERE,
     progress: Callable[[float, float], None] | None = None,
 ) -> PaperPosterior:
     """Return the posterior of the free parameters given the paper's numbers.
 
     base: the rig; only its free parameters are changed. values: of the maximum a posteriori fit, (free,), SI.
-    progress: called with (done, total) evaluations of the twin. Raises SpecError where NumPyro is not installed.
+    spread: over which processes or cluster the evaluations go, in batches that are the same for any of them. progress:
+    called with (done, total) evaluations of the twin. Raises SpecError where NumPyro is not installed.
     """
     scale, table = scale_of(base), dict(base.parameters())
     effort, done = effort or Effort(), 0
@@ -390,13 +394,14 @@ def paper_posterior(
     def residual(points: Array) -> Array:
         nonlocal done
         rigs = [rig_with(base, np.clip(scale.likely + scale.width * x, scale.low, scale.high)) for x in points]
-        seen = []
-        for i in range(0, len(rigs), _BATCH):
-            seen.append(misfit(observe(rigs[i : i + _BATCH])))
-            done += len(seen[-1])
+        batches = [rigs[i : i + _BATCH] for i in range(0, len(rigs), _BATCH)]
+        seen = {}
+        for place, found in tasks.each_task(_misfit_of, batches, spread):
+            seen[place] = found
+            done += len(found)
             if progress is not None:
                 progress(done, effort.evaluations + 2 * len(FREE))
-        return np.concatenate(seen)
+        return np.concatenate([seen[place] for place in range(len(batches))])
 
     low, high = scale.ends
     start = (values - scale.likely) / scale.width
@@ -408,6 +413,11 @@ def paper_posterior(
         for some in (before, draws.flat)
     ]
     return summarise_draws(draws, scale, units, derived, seed)
+
+
+def _misfit_of(rigs: Sequence[RigSpec]) -> Array:
+    configure()
+    return misfit(observe(rigs))
 
 
 def summarise_draws(

@@ -563,7 +563,7 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
         if short:
             frequency, amplitude = min(short, key=lambda pair: pair[1])
             full = _full_amplitude_hz(sweep.frequency_hz, reached, sweep.amplitude_deg)
-            up_to = f"up to {full:g} Hz" if full is not None else "at none of the lowest frequencies"
+            up_to = f"up to {full:g} Hz" if full is not None else f"not even at {sweep.frequency_hz[0]:g} Hz"
             yield Finding(
                 "warn",
                 f"sweep asks for {sweep.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive reaches "

@@ -14,6 +14,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from sinew.measure.doors import write_text
 from sinew.measure.errors import SpecError
 from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
@@ -454,18 +455,12 @@ def dump_plan(plan: Plan) -> str:
 
 def save_rig(rig: RigSpec, path: Path, head: Sequence[str] = ()) -> None:
     """Write a rig file, atomically; head: lines of comment before it. Raises FileError where it cannot be written."""
-    _save("".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig), path)
+    write_text(path, "".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig))
 
 
 def save_plan(plan: Plan, path: Path) -> None:
     """Write a plan file, atomically. Raises FileError where it cannot be written."""
-    _save(dump_plan(plan), path)
-
-
-def _save(text: str, path: Path) -> None:
-    from sinew.measure.files.netcdf import write_text  # xarray: half a second
-
-    write_text(path, text)
+    write_text(path, dump_plan(plan))
 
 
 def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
@@ -486,13 +481,25 @@ def _read_data(text: str, source: str, model: type[_Spec], what: str) -> dict[st
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # of the parser, or of a number with thousands of digits
-        raise SpecError(f"{source} is not valid TOML: {error}") from error
+        raise SpecError(f"{source} is not valid TOML: {error}{_found_at(text, str(error))}") from error
     except RecursionError:
         raise SpecError(f"{source} is nested too deeply for a {what}; take brackets away") from None
     other, other_what = (Plan, "plan") if what == "rig" else (RigSpec, "rig")
     if _shared_keys(data, other) > _shared_keys(data, model):
         raise SpecError(f"{source} is a {other_what}, expected a {what}")
     return data
+
+
+_AT = re.compile(r"at line (\d+), column (\d+)")
+
+
+def _found_at(text: str, error: str) -> str:
+    """Return the word at which the parser gave up, with what a value may be; empty where it names no place."""
+    if (at := _AT.search(error)) is None:
+        return ""
+    line = [*text.splitlines(), ""][min(int(at[1]) - 1, len(text.splitlines()))]
+    word = re.split(r"[\s,\]}#]", line[int(at[2]) - 1 :], maxsplit=1)[0][:40]
+    return f"; found {word!r} there" if word else ""
 
 
 def _shared_keys(data: dict[str, Any], model: type[BaseModel]) -> int:

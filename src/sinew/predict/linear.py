@@ -30,8 +30,8 @@ from scipy import io
 from scipy.linalg import null_space
 
 from sinew.measure.arrays import Array, Complexes
+from sinew.measure.doors import write_atomically
 from sinew.measure.errors import SpecError
-from sinew.measure.files.netcdf import write_atomically
 from sinew.mechanics.joint import State, derivative, free_lever_acceleration, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES

@@ -16,7 +16,7 @@ from sinew.measure.estimate import fixed, number
 from sinew.measure.told import Table
 from sinew.mechanics.parameters import CURRENT, POSITION, TENDON_MODES
 from sinew.mechanics.rod import grid, rest_strains, rod_poses
-from sinew.mechanics.space import Space
+from sinew.mechanics.space import Space, plate_guides
 from sinew.plan.check import Finding
 from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing, swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
@@ -435,18 +435,24 @@ _poses = jax.jit(rod_poses)
 
 def shape_of(q: Array, space: Space) -> Shape:
     """Return the shape of the bent silicone, 41 sections from foot to head, and the chords of its tendons."""
-    joint = space.rod.joint
+    feet, guides = guides_of(space)
+    line, turns = sections_at(q, space, _CHORD_POINTS)
+    return Shape(line, turns, np.stack([feet, line[-1] + guides @ turns[-1].T], axis=1))
+
+
+def guides_of(space: Space) -> tuple[Array, Array]:
+    """Return the tendons' guides of the base in B and of the head in H (tendon, 3) [m]."""
+    feet, guides = (np.asarray(points) for points in plate_guides(space))
+    gap = float(space.rod.joint.free_span - space.rod.joint.length)
+    return feet, guides + np.array([gap, 0.0, 0.0])
+
+
+def sections_at(q: Array, space: Space, share: Array) -> tuple[Array, Array]:
+    """Return (centres [m] (point, 3), rotations (point, 3, 3)) of sections at shares of the length, in B."""
     turns, line = (np.asarray(part) for part in _poses(q, space.rod))
-    turns = np.concatenate([np.eye(3)[None], turns])
-    line = np.concatenate([np.zeros((1, 3)), line])
-    stations = _stations()
-    directions = np.array([[float(x) for x in pair] for pair in joint.guide_directions])
-    across = np.concatenate([np.zeros((len(directions), 1)), directions], axis=1)
-    gap = np.array([float(joint.free_span - joint.length), 0.0, 0.0])
-    feet, guides = float(joint.base_radius) * across, float(joint.head_radius) * across
-    heads = line[-1] + (guides + gap) @ turns[-1].T
-    smooth = [BarycentricInterpolator(stations, part)(_CHORD_POINTS) for part in (line, turns)]
-    return Shape(smooth[0], smooth[1], np.stack([feet, heads], axis=1))
+    whole = np.concatenate([np.zeros((1, 3)), line]), np.concatenate([np.eye(3)[None], turns])
+    places, rotations = (BarycentricInterpolator(_stations(), part)(share) for part in whole)
+    return places, rotations
 
 
 def _stations() -> Array:
@@ -462,7 +468,7 @@ def chord_clearance(q: Array, space: Space, rig: RigSpec) -> tuple[Array, Array]
     that of an oval a chord may be further off, never nearer.
     """
     shape, joint = shape_of(q, space), space.rod.joint
-    stretch = _strains_at(q, space, _CHORD_POINTS)[:, 3]
+    stretch = strains_at(q, space, _CHORD_POINTS)[:, 3]
     lowest, sagitta = [], []
     for i, (foot, head) in enumerate(shape.chords):
         along = head - foot
@@ -479,7 +485,7 @@ def chord_clearance(q: Array, space: Space, rig: RigSpec) -> tuple[Array, Array]
     return np.array(lowest), np.array(sagitta)
 
 
-def _strains_at(q: Array, space: Space, share: Array) -> Array:
+def strains_at(q: Array, space: Space, share: Array) -> Array:
     """Return the six strains at shares of the length, curvatures times the length, (point, 6)."""
     terms = np.polynomial.legendre.legvander(2 * share - 1, q.shape[1] - 1)
     return np.asarray(rest_strains(space.rod)) + terms @ q.T
@@ -491,7 +497,7 @@ def surface_strain(q: Array, space: Space, rig: RigSpec) -> float:
     Its fibres have the stretch λ ± R |κ - κ_0|, R how far the section reaches in the plane of the bend, and are sheared
     by the twist times the arm of its section (else its radius) and by the section's own shear.
     """
-    strains = _strains_at(q, space, _CHORD_POINTS)
+    strains = strains_at(q, space, _CHORD_POINTS)
     bent = strains - np.asarray(rest_strains(space.rod))
     length, section = float(space.rod.joint.length), rig.section
     known = None if section is None or section.shear_arm is None else section.shear_arm.value

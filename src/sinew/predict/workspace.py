@@ -1,12 +1,12 @@
 """Workspace: which poses a joint reaches, over pitch, roll and pretension, and what ends it where it does not."""
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate, fixed
+from sinew.measure.tasks import HERE, Spread, cores, each_task
 from sinew.measure.told import Table
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.space import Space
@@ -47,6 +48,9 @@ MOST_POSES = 200_000
 
 _ENOUGH = 2e-3
 """Last step of Newton's method [rad, strain]; what is left is about its square, some hundredths of a newton."""
+
+_STRIP = 400
+"""Poses in a task, about: some seconds of a core."""
 
 Progress = Callable[[float, float], None]
 
@@ -129,12 +133,14 @@ def map_workspace(
     *,
     step_deg: float = 2.0,
     mode: str = "position",
+    spread: Spread = HERE,
     progress: Progress = lambda _done, _total: None,
 ) -> Workspace:
     """Return which poses a rig reaches up to the bend that it allows (`limits.bend_deg`).
 
     Each pose is found by `sinew.solve.spatial.steer` from its neighbours: outwards along roll, and from each of these
     poses along pitch. A tendon that is slack makes a pose no failure; a pose is lost where no way leads on.
+    spread: over which processes or cluster strips of the map go, with the same result.
     Raises SpecError where the rig knows no space or the map would be too large.
     """
     if mode not in TENDON_MODES:
@@ -142,6 +148,21 @@ def map_workspace(
     most = rig.limits.most_bend_deg
     if not 0.1 <= step_deg <= most:
         raise SpecError(f"found a step of {step_deg:g}°, expected 0.1 to {most:g}°, as far as the rig may bend")
+    planes = planes_of(rig, pretension_mm, step_deg, mode)
+    parts = [(plane, strip) for plane in planes for strip in plane.strips()]
+    done, total = 0, sum(int((plane.verdict != OUTSIDE).sum()) for plane in planes)
+    for place, columns in each_task(fill_strip, [strip for _, strip in parts], spread):
+        plane, strip = parts[place]
+        done += plane.put(strip.columns, columns)
+        progress(done, total)
+    stacked = [np.stack([getattr(plane, name) for plane in planes]) for name in Plane.COLUMNS]
+    axis = planes[0].axis
+    return Workspace(rig, mode, np.asarray(pretension_mm, dtype=float), axis, axis, *stacked)
+
+
+def planes_of(rig: RigSpec, pretension_mm: Sequence[float], step_deg: float, mode: str) -> "list[Plane]":
+    """Return the maps of some pretensions, empty. Raises SpecError where they would be too large."""
+    most = rig.limits.most_bend_deg
     half = int(most / step_deg + 1e-9)
     axis = np.asarray(step_deg * np.arange(-half, half + 1), dtype=float)
     total = len(pretension_mm) * int((np.hypot(*np.meshgrid(axis, axis)) <= most + 1e-9).sum())
@@ -150,17 +171,7 @@ def map_workspace(
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     ends = first_contact(space, contact)[1]
-    done = 0
-    maps = []
-    with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as workers:
-        for mm in pretension_mm:
-            plane = _Plane(rig, _upright(space, contact, 1e-3 * mm, mode), ends, axis, most)
-            for count in plane.fill(workers):
-                done += count
-                progress(done, total)
-            maps.append(plane)
-    stacked = [np.stack([getattr(plane, name) for plane in maps]) for name in _Plane.COLUMNS]
-    return Workspace(rig, mode, np.asarray(pretension_mm, dtype=float), axis, axis, *stacked)
+    return [Plane(rig, *_upright(space, contact, 1e-3 * mm, mode), ends, axis, most) for mm in pretension_mm]
 
 
 class _Known(NamedTuple):
@@ -170,47 +181,85 @@ class _Known(NamedTuple):
     across: Array
 
 
+class Strip(NamedTuple):
+    """Some columns of a map: what `Plane` takes, which columns [index], and a pose in each to begin at, if any."""
+
+    rig: RigSpec
+    space: Space
+    upright: _Known
+    ends: Array
+    axis: Array
+    most_deg: float
+    columns: tuple[int, ...]
+    known: tuple[_Known | None, ...]
+
+
+def fill_strip(strip: Strip) -> tuple[NDArray[Any], ...]:
+    """Return the columns of a strip, each of `Plane.COLUMNS` over (pitch, column)."""
+    configure()
+    plane = Plane(*strip[:-2])
+    with ThreadPoolExecutor(cores()) as workers:
+        list(workers.map(plane.fill_column, strip.columns, strip.known))
+    return tuple(getattr(plane, name)[:, strip.columns] for name in Plane.COLUMNS)
+
+
 def _upright(space: Space, contact: float, pretension: float, mode: str) -> tuple[Space, _Known]:
     there, found = rest(space, contact, np.full(np.shape(space.cable_end), pretension))
     if mode == "current":
         there = in_mode(there, CURRENT)
         pulled = np.full(np.shape(there.cable_end), found.at.tension.mean())
         there = there._replace(held_tension=pulled)
-    return there, _Known(found.q, np.zeros(2))
+    return jax.tree.map(np.asarray, there), _Known(np.asarray(found.q), np.zeros(2))
 
 
-class _Plane:
+class Plane:
     """The map of one pretension while it is filled; columns as in `Workspace`, (pitch, roll)."""
 
     COLUMNS = ("verdict", "highest", "lowest", "softest", "strain")
 
-    def __init__(self, rig: RigSpec, upright: tuple[Space, _Known], ends: Array, axis: Array, most_deg: float) -> None:
-        self.rig, self.ends, self.axis = rig, ends, axis
-        self.space, self.start = upright
+    def __init__(self, rig: RigSpec, space: Space, upright: _Known, ends: Array, axis: Array, most_deg: float) -> None:
+        self.rig, self.space, self.start, self.ends, self.axis, self.most_deg = (
+            rig,
+            space,
+            upright,
+            ends,
+            axis,
+            most_deg,
+        )
         asked = np.hypot(axis[:, None], axis[None, :]) <= most_deg + 1e-9
         self.verdict = np.where(asked, LOST, OUTSIDE)
         self.highest, self.lowest, self.softest, self.strain = (np.full(asked.shape, np.nan) for _ in range(4))
 
-    def fill(self, workers: ThreadPoolExecutor) -> Iterator[int]:
-        """Find all poses; yield how many each part of the work had."""
+    def strips(self) -> Iterator[Strip]:
+        """Find the poses without pitch; yield the columns that begin there, so many together as make a task."""
         middle = len(self.axis) // 2
         known: dict[int, _Known] = {}
         for way in (1, -1):
             for j, at in self._walk([(middle, j) for j in self._outwards(middle, way)], self.start):
                 known[j[1]] = at
         columns = [j for j in range(len(self.axis)) if (self.verdict[:, j] != OUTSIDE).any()]
-        yield from workers.map(lambda j: self._column(j, middle, known.get(j)), columns)
+        size = max(1, _STRIP // len(self.axis))
+        for few in (tuple(columns[i : i + size]) for i in range(0, len(columns), size)):
+            begin = tuple(map(known.get, few))
+            yield Strip(self.rig, self.space, self.start, self.ends, self.axis, self.most_deg, few, begin)
+
+    def put(self, columns: Sequence[int], found: Sequence[NDArray[Any]]) -> int:
+        """Take over the columns of a strip; return how many poses they have."""
+        for name, values in zip(self.COLUMNS, found, strict=True):
+            getattr(self, name)[:, columns] = values
+        return int((self.verdict[:, columns] != OUTSIDE).sum())
 
     def _outwards(self, middle: int, way: int) -> range:
         return range(middle, len(self.axis)) if way > 0 else range(middle, -1, -1)
 
-    def _column(self, j: int, middle: int, start: _Known | None) -> int:
-        if start is not None:
-            for way in (1, -1):
-                cells = [(i, j) for i in self._outwards(middle, way) if self.verdict[i, j] != OUTSIDE]
-                for _ in self._walk(cells, start):
-                    pass
-        return int((self.verdict[:, j] != OUTSIDE).sum())
+    def fill_column(self, j: int, start: _Known | None) -> None:
+        """Find the poses of a column, from the one in its middle on; those of none stay lost."""
+        if start is None:
+            return
+        for way in (1, -1):
+            cells = [(i, j) for i in self._outwards(len(self.axis) // 2, way) if self.verdict[i, j] != OUTSIDE]
+            for _ in self._walk(cells, start):
+                pass
 
     def _walk(self, cells: Sequence[tuple[int, int]], start: _Known) -> Iterator[tuple[tuple[int, int], _Known]]:
         """Find the poses of neighbouring cells one after the other, each begun where the last ones lead."""

@@ -5,7 +5,6 @@ method across the curve. What that changes in amplitude and frequency estimates 
 left after it is what the finer waves cut off, which is less.
 """
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Complexes, Mask
+from sinew.measure.tasks import cores
 from sinew.solve.balance import (
     QUICK_COMPILE,
     Equations,
@@ -259,7 +259,7 @@ def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
 @cache
 def pool() -> ThreadPoolExecutor:
     """Return the threads that blocks run in."""
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-solve")
+    return ThreadPoolExecutor(max_workers=cores(), thread_name_prefix="sinew-solve")
 
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import memory_stiffness
+from sinew.mechanics.silicone import memory_stiffness, silicone_energy
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension, total_tension
 from sinew.plan.rig import LIMIT_RESERVE_N
 from sinew.solve.rest import axial_force, set_pretension, sink, sunk
@@ -99,6 +99,15 @@ class FreeSwing(NamedTuple):
     viscous_share: Any
 
 
+class SwingSprings(NamedTuple):
+    """Parts of the fundamental's stiffness in a swing [N m/rad]. silicone: its relaxed part, sinking as it twists;
+    guides, guides_loss: real and imaginary part, under the tension as it rises in the swing."""
+
+    silicone: Any
+    guides: Any
+    guides_loss: Any
+
+
 def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
     """Return the cubic coefficient of the static torque [N m/rad³]: R'''/6 at φ = 0, the head sinking as it likes.
 
@@ -114,7 +123,7 @@ def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
 
 def _free_swing(
     p: Parameters, contact: jax.Array, pretension: jax.Array, mode: jax.Array, amplitude: jax.Array
-) -> FreeSwing:
+) -> tuple[FreeSwing, SwingSprings]:
     p, rest = set_pretension(p, pretension, contact, mode, jnp.asarray(LIMIT_RESERVE_N))
     zero = jnp.zeros(())
     tension = tendon_tension(tendon_stretch(zero, rest, p)[0], p)
@@ -126,7 +135,9 @@ def _free_swing(
     pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, place, p)
     rising = jnp.where(jnp.sin(angle) < 0, 1.0, -1.0)  # falling, the loop is its mirror image
     friction = p.guides.greatest_torque(pull) * rising * p.guides.loop(rising * torsion, amplitude)
-    held = 2 * jnp.mean((static + friction) * cosine) / amplitude
+    guide_spring = 2 * jnp.mean(friction * cosine) / amplitude
+    held = 2 * jnp.mean(static * cosine) / amplitude + guide_spring
+    silicone = jax.vmap(jax.grad(silicone_energy), in_axes=(0, 0, None))(torsion, place, p)
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * jnp.sin(angle))
     inertia = p.head + p.lever
 
@@ -140,7 +151,7 @@ def _free_swing(
     lost_viscous = jnp.pi * p.viscous * omega * amplitude**2
     lost = lost_silicone + lost_guides + lost_viscous
     whole = jnp.maximum(lost, 1e-300)
-    return FreeSwing(
+    found = FreeSwing(
         tension,
         tension * p.head_radius,
         omega / (2 * jnp.pi),
@@ -150,6 +161,8 @@ def _free_swing(
         lost_guides / whole,
         lost_viscous / whole,
     )
+    spring = 2 * jnp.mean(silicone * cosine) / amplitude
+    return found, SwingSprings(spring, guide_spring, lost_guides / (jnp.pi * amplitude**2))
 
 
 @cache
@@ -162,6 +175,13 @@ def free_swing(p: Parameters, contact: Any, pretension_mm: float, mode: float, a
 
     contact: tension of one tendon at first contact [N].
     """
+    return swing_springs(p, contact, pretension_mm, mode, amplitude_rad)[0]
+
+
+def swing_springs(
+    p: Parameters, contact: Any, pretension_mm: float, mode: float, amplitude_rad: float
+) -> tuple[FreeSwing, SwingSprings]:
+    """Return the same with the springs that it is made of; arguments as `free_swing`."""
     given = (np.float64(pretension_mm * 1e-3), np.float64(mode), np.float64(amplitude_rad))
-    found: FreeSwing = _compiled()(p, contact, *given)
+    found: tuple[FreeSwing, SwingSprings] = _compiled()(p, contact, *given)
     return found

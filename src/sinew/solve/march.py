@@ -1,7 +1,6 @@
 """Lanes of the joint in time: fixed-step RK4, compiled once, batches on every core."""
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cache, partial
@@ -14,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
+from sinew.measure.tasks import cores
 from sinew.mechanics.drive import commanded_angle, duty
 from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
@@ -190,7 +190,7 @@ def steps_per_sample(p: Parameters, sample_s: float) -> int:
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-twin")
+    return ThreadPoolExecutor(max_workers=cores(), thread_name_prefix="sinew-twin")
 
 
 def integrate(

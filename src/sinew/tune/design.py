@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew import __version__
 from sinew.analysis.analysed import analyse_recording
 from sinew.measure.arrays import Array, Mask
-from sinew.measure.errors import SpecError, how_to_install
+from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, finite, number
+from sinew.measure.tasks import HERE, Spread, run_tasks
 from sinew.measure.told import Table, Told
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
@@ -446,77 +446,6 @@ def spread_out(objectives: Array, count: int, begin: Sequence[int] = ()) -> list
     return taken[:count]
 
 
-# Tasks are run one after the other, or on the workers of a Dask cluster, with the same results.
-
-T = TypeVar("T")
-R = TypeVar("R")
-
-_TIMEOUT = "20s"
-
-
-def run_tasks(
-    function: Callable[[T], R],
-    tasks: Sequence[T],
-    scheduler: str | None = None,
-    progress: Callable[[float, float], None] | None = None,
-) -> list[R]:
-    """Return the result of every task, in their order.
-
-    function: of a module, so that a worker finds it. scheduler: address of a Dask scheduler, `tcp://host:8786`; None
-    runs here. progress: called with (done, total). Raises SpecError where the cluster cannot be used.
-    """
-    if scheduler is not None:
-        return _on_cluster(function, tasks, scheduler, progress)
-    found = []
-    for task in tasks:
-        found.append(function(task))
-        if progress is not None:
-            progress(len(found), len(tasks))
-    return found
-
-
-def _on_cluster(
-    function: Callable[[T], R], tasks: Sequence[T], address: str, progress: Callable[[float, float], None] | None
-) -> list[R]:
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        raise SpecError(f"--scheduler needs dask.distributed; install it: {how_to_install('cluster')}") from error
-    try:
-        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:  # a timeout is an OSError
-        raise SpecError(
-            f"found no Dask scheduler at {address}; start one (dask scheduler) and give its address, as tcp://host:8786"
-        ) from error
-    with client:
-        _refuse_workers(client, address)
-        futures = client.map(function, list(tasks), pure=False)
-        for done, _ in enumerate(as_completed(futures, loop=client.loop), start=1):
-            if progress is not None:
-                progress(done, len(tasks))
-        found: list[R] = client.gather(futures)
-        return found
-
-
-def _refuse_workers(client: Any, address: str) -> None:
-    """Raise SpecError unless there are workers and all have this version of Sinew."""
-    try:
-        versions: dict[str, str] = client.run(_version)
-    except ImportError as error:
-        raise SpecError(f"the workers of {address} have no Sinew; install {__version__} there") from error
-    if not versions:
-        raise SpecError(f"the scheduler at {address} has no workers; start some (dask worker {address})")
-    others = sorted({found for found in versions.values() if found != __version__})
-    if others:
-        raise SpecError(
-            f"workers of {address} have Sinew {', '.join(others)}, expected {__version__}; install it there"
-        )
-
-
-def _version() -> str:
-    return __version__
-
-
 _OTHER_LENGTH = 1.5
 
 
@@ -606,7 +535,7 @@ def design(
     exact: int = 24,
     proposals: int = 4,
     seed: int = 0,
-    scheduler: str | None = None,
+    spread: Spread = HERE,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Designed:
     """Return joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.
@@ -615,8 +544,8 @@ def design(
     rig: whose motors, guides and sensors are kept. inertia_kg_m2: of what sits on the joint, about its axis. torso_kg,
     torso_centre_mm: its mass and the height of its centre above the head plate; without a mass its weight is left out.
     envelope_mm: largest diameter and length, guides included. shapes, materials: by name, where not all are to be
-    tried; "base" is the rig's silicone. starts, exact, proposals, seed: see `Effort`. scheduler: address of a Dask
-    cluster. progress: called with (part, done, total).
+    tried; "base" is the rig's silicone. starts, exact, proposals, seed: see `Effort`. spread: over which processes or
+    cluster, with the same result. progress: called with (part, done, total).
     It takes minutes, with few starts and shapes seconds. No joint within the limits is no error: the answer says so.
     Raises SpecError where a number cannot be meant.
 
@@ -630,7 +559,7 @@ def design(
     target = DesignTarget((stride_hz[0], stride_hz[1]), yaw_deg, inertia_kg_m2, size[0], size[1], torso=torso)
     effort = Effort(starts, exact, proposals, seed)
     silicones = known_silicones(base, materials)
-    return design_joints(base, target, silicones, known_shapes(shapes), effort, scheduler=scheduler, progress=progress)
+    return design_joints(base, target, silicones, known_shapes(shapes), effort, spread=spread, progress=progress)
 
 
 def known_shapes(wanted: Sequence[str] | None) -> list[str]:
@@ -661,13 +590,13 @@ def design_joints(
     shapes: Sequence[str],
     effort: Effort,
     *,
-    scheduler: str | None = None,
+    spread: Spread = HERE,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Designed:
     """Return proposals for a target, from a base rig whose motors, guides, sensors and loss factor are kept.
 
-    silicones: name and G [Pa]; a name that is no known material stands for the base's. scheduler: of a Dask cluster
-    that does the work; the result is the same. progress: called with (part, done, total).
+    silicones: name and G [Pa]; a name that is no known material stands for the base's. spread: over which processes
+    or cluster; the result is the same. progress: called with (part, done, total).
     """
 
     def told(part: str) -> Callable[[float, float], None]:
@@ -675,14 +604,14 @@ def design_joints(
 
     text, begin = dump_rig(rig), time.perf_counter()
     blocks = blocks_of(text, target, silicones, list(shapes), effort.starts, effort.seed)
-    found = run_tasks(search_block, blocks, scheduler, told("search"))
+    found = run_tasks(search_block, blocks, spread, told("search"))
     searched = time.perf_counter()
     drafts = drafts_of(found, text, target, effort.exact)
-    evaluated = [one for one in run_tasks(propose, drafts, scheduler, told("evaluate")) if one is not None]
+    evaluated = [one for one in run_tasks(propose, drafts, spread, told("evaluate")) if one is not None]
     front, chosen = select(evaluated, effort.proposals)
     computed = time.perf_counter()
     requests = [Request(evaluated[i], effort.seed) for i in chosen]
-    confirmed = run_tasks(confirm, requests, scheduler, told("confirm"))
+    confirmed = run_tasks(confirm, requests, spread, told("confirm"))
     return Designed(
         candidates=sum(len(one.sizes) for one in found),
         feasible=int(sum(one.feasible.sum() for one in found)),

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import jax
 
+from sinew.measure.errors import SpecError
+from sinew.measure.tasks import DEVICE, cores
+
 
 def cache_folder() -> Path:
     """Return the folder of compiled code: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else ~/.cache/sinew."""
@@ -28,13 +31,24 @@ def use_all_cores() -> None:
     with a pool of one thread two of them take turns. A pool of all cores is for them alone, as one program by itself
     takes a half longer in it. A user's own NPROC stays.
     """
-    os.environ.setdefault("NPROC", str(os.cpu_count() or 1))
+    os.environ.setdefault("NPROC", str(cores()))
     configure()
 
 
-@cache
 def configure() -> None:
-    """Switch JAX to double precision on the CPU and to the persistent compilation cache; once per process.
+    """Switch JAX to double precision, the persistent compilation cache and its device; once per process.
+
+    The device is the CPU, whatever else JAX finds, or a GPU where $SINEW_DEVICE is `gpu`: double precision there too.
+    Raises SpecError where there is none, or where this process has begun on the other one.
+    """
+    wanted = os.environ.get(DEVICE) or "cpu"
+    if (begun := _begun()) != wanted:
+        raise SpecError(f"this process computes on the {begun} already; begin a new one for the {wanted}")
+
+
+@cache
+def _begun() -> str:
+    """Set JAX up and return the device.
 
     What is computed is computed in the thread that asks for it, and cores share the work by batches, which threads of
     ours ask for. JAX's own way is to hand every program to a pool and every small kernel of it, some hundred in one
@@ -59,5 +73,14 @@ def configure() -> None:
         settings["jax_compilation_cache_dir"] = str(folder)
         settings["jax_persistent_cache_min_compile_time_secs"] = 0.2
         settings["jax_persistent_cache_min_entry_size_bytes"] = 0
+    device = os.environ.get(DEVICE) or "cpu"
+    if device == "cpu":
+        settings["jax_platforms"] = "cpu"
     for name, value in settings.items():
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
+    if device != "cpu" and jax.default_backend() != device:
+        raise SpecError(
+            f"found no GPU that JAX can use, only {jax.default_backend()}; install a JAX for yours, as by `pip install "
+            '"jax[cuda13]"`, or compute on the CPU (--device cpu)'
+        )
+    return device

@@ -28,18 +28,18 @@ from sinew.apps.dashboard.work.samples import (
     GAP_S,
     TORSION,
     Channel,
+    JournalTail,
     LiveChannels,
+    News,
     drawn_rig,
     dumped,
-    journal_spans,
     thin,
 )
 from sinew.apps.dashboard.worker import Work
-from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
-from sinew.measure.events import Contact, Doubted, Ended, Event, Frozen, Health, Severity
+from sinew.measure.events import Doubted, Ended, Frozen, Health, Severity
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
@@ -75,66 +75,8 @@ class Ring:
         return self._table[:, np.arange(first, max(first, end)) % self._table.shape[1]]
 
 
-_MOST_ROWS = 4000
-
-
-@dataclass(frozen=True)
-class News:
-    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
-    numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
-    groups are finished; what the clock of the newest rows showed when the time of the run was 0 [s]; where the tendon
-    motors stood at first contact [rad], where that is among the events."""
-
-    rows: dict[str, Array]
-    events: list[tuple[int, Event]]
-    segment: Stretch | None
-    groups_done: int
-    zero_s: float = math.nan
-    contact: Array | None = None
-    times: dict[int, tuple[float, float]] = field(default_factory=dict)
-
-
-class JournalTail:
-    """Follows one journal.
-
-    path: of the journal. backlog: how many of the samples that there are already are read first.
-    Every look is a short read transaction of its own, which keeps nothing from whoever writes. Raises FileError where
-    it is no journal; sqlite3.OperationalError may come from a look at a disk that fails.
-    """
-
-    def __init__(self, path: Path, backlog: int = 0) -> None:
-        self._reader = JournalReader(path)
-        self.plan_toml, self.rig_toml = self._reader.plan_toml, self._reader.rig_toml
-        self.found = self._reader.last_sample()  # what was there before we came
-        self._last = max(0, self.found - backlog)
-        self._event = 0
-        self._session, self._zero_s = 0, math.nan
-        source = self._reader.attrs.get("source")
-        self.source = None if source is None else str(source)
-
-    def look(self) -> News:
-        """Return what is new, at most 4000 rows at a time."""
-        reader = self._reader
-        end = min(reader.last_sample(), self._last + _MOST_ROWS)
-        rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
-        self._last = max(self._last, end)
-        events, times = reader.events(self._event), reader.event_times(self._event)
-        if events:
-            self._event = events[-1][0]
-        touched = any(isinstance(event, Contact) for _, event in events)
-        contact = reader.tendons_at_contact() if touched else None
-        if rows and (session := reader.session(self._last)) != self._session:
-            newest = journal_spans(reader)[-1]
-            self._session, self._zero_s = session, newest.clock_s - newest.begin_s
-        return News(rows, events, reader.newest_stretch(), reader.count_finished(), self._zero_s, contact, times)
-
-    def close(self) -> None:
-        """Give the file back."""
-        self._reader.close()
-
-
-FRAME_S = 1 / 30
-"""Time between two frames [s]."""
+FRAME_S = 1 / 32
+"""Time between two frames [s]: a few more than the 30 a second that are to be drawn: two may reach a page at once."""
 
 _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz
@@ -198,6 +140,7 @@ class Hub:
         # A connection of SQLite belongs to its thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._epoch = 0
+        self._ticked = asyncio.Event()
         self.live: Live | None = None
         self.steward: Status | None = None
         self.trouble = ""
@@ -231,6 +174,12 @@ class Hub:
         self._take(self.live, news)
         waiting = self.live.ring.count - self.live.played
         self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
+        self._ticked.set()
+        self._ticked = asyncio.Event()  # who waits from now on waits for the next
+
+    async def ticked(self) -> None:
+        """Wait until the journal was looked at once more."""
+        await self._ticked.wait()
 
     async def _watch_steward(self) -> None:
         while True:
@@ -332,7 +281,7 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_POINTS = "Points: mean and 90 % interval over repeats."
+_POINTS = "Points: mean and 90 % interval, over the repeats, or where there is one over its periods."
 _BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
 _COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
@@ -592,7 +541,6 @@ async def serve_stream(socket: WebSocket, hub: Hub) -> None:
 async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Task[None]") -> None:
     loop = asyncio.get_running_loop()
     told = -_STATE_S
-    due = loop.time()
     while not listening.done():
         frame = frame_of(hub.live, view) if hub.live is not None else None
         if frame is not None:
@@ -600,8 +548,8 @@ async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Ta
         if loop.time() - told >= _STATE_S:
             told = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
-        due = max(due + FRAME_S, loop.time())
-        await asyncio.sleep(due - loop.time())
+        with suppress(TimeoutError):
+            await asyncio.wait_for(hub.ticked(), _STATE_S)
 
 
 async def _listen(socket: WebSocket, view: View) -> None:

@@ -115,23 +115,23 @@ class Operators:
         self._drop_absent()
         before, self._operator = self._operator, ticket
         if before is ticket:
-            return "this page operates the bench already"
+            return "this page is in control already"
         self._since = self._wall()
-        return "this page operates the bench now" + (f"; {before.name} did before" if before else "")
+        return "this page is in control now" + ("; another page was before" if before else "")
 
     def give(self, ticket: Ticket) -> str:
         """Leave the bench without an operator. Raises RefusedError where somebody else operates."""
         self.require_operator(ticket)
         self._operator = None
-        return "nobody operates the bench now"
+        return "nobody is in control now"
 
     def require_operator(self, ticket: Ticket) -> None:
-        """Raise RefusedError, naming the operator, where a ticket is not the operator's."""
+        """Raise RefusedError where a ticket is not the operator's."""
         self._drop_absent()
         if self._operator is None:
-            raise RefusedError(403, "nobody operates the bench; take it over first")
+            raise RefusedError(403, "nobody is in control; take control first")
         if self._operator is not ticket:
-            raise RefusedError(403, f"{self._operator.name} operates the bench; take it over first")
+            raise RefusedError(403, "another page is in control; take over first")
 
     def viewers(self) -> int:
         """Return how many pages were heard of within the last half minute."""

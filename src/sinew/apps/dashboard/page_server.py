@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import httpx
 import uvicorn
 from fastapi import FastAPI, WebSocket
-from fastapi.responses import JSONResponse, Response, StreamingResponse
+from fastapi.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
@@ -27,7 +27,7 @@ from sinew.apps.dashboard.access import Access, Gate, SignedOut, server_config, 
 from sinew.apps.dashboard.hub import Hub, Results, serve_stream
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
-from sinew.apps.dashboard.pages.frame import Site, add_error_pages, sign_in_page
+from sinew.apps.dashboard.pages.frame import Site, add_error_pages, help_page, sign_in_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
@@ -105,6 +105,8 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     add_runs_pages(site)
     add_samples_page(app, site)
     add_design_page(site)
+    helping = help_page(site)
+    app.get("/help")(lambda: HTMLResponse(helping))
     add_error_pages(site)
     ui.run_with(
         app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg"

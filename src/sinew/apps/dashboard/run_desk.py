@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -420,6 +420,7 @@ class RunDesk:
         self._spec: RigSpec | None = None
         self._told: dict[str, Any] = {}
         self._is_starting = False
+        self._moved: set[str] = set()  # names of runs that are being renamed, put away or taken back
         self._alarms = 0
         self._unanswered = 0
         self._over = threading.Event()
@@ -493,6 +494,8 @@ class RunDesk:
         with self._lock:
             if self._run is not None or self._is_starting:
                 raise RefusedError(409, f"a run {'is being begun' if self._run is None else self._run.name} already")
+            if name in self._moved:
+                raise RefusedError(409, f"the run {name} is being renamed or put away; the page Runs lists what is")
             self._is_starting, self.beginning, alarms = True, name, self._alarms
         try:
             run, sentence = begin()
@@ -507,6 +510,23 @@ class RunDesk:
         finally:
             self._is_starting, self.beginning = False, None
         return sentence
+
+    @contextmanager
+    def apart(self, *names: str) -> Iterator[None]:
+        """Keep runs of some names from being begun, or gone on with, until they are moved.
+
+        Raises RefusedError where one of them is under way, begins, or is being moved already.
+        """
+        with self._lock:
+            busy = {self.beginning, self._run and self._run.name, *self._moved} & set(names)
+            if busy:
+                raise RefusedError(409, f"the run {busy.pop()} is under way; end it first")
+            self._moved |= set(names)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._moved -= set(names)
 
     def forget(self, name: str, to: str | None) -> None:
         """Hear that a run that has ended is called otherwise now, or None: lies in the bin."""

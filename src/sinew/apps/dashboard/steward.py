@@ -540,6 +540,7 @@ class Steward:
         self._page = self._page_process()
         self._ends = ExitStack()
         self.hurry = threading.Event()
+        self._keeping = threading.Lock()
 
     def __enter__(self) -> "Steward":
         with ExitStack() as ends:
@@ -609,16 +610,19 @@ class Steward:
 
     def keep(self, command: SteeringCommand) -> str:
         """Note a run, or rename, put away or take back one that has ended; return a sentence. Raises RefusedError."""
-        name, run = command.name or "", self._desk.run
+        with self._keeping:
+            return self._kept(command)
+
+    def _kept(self, command: SteeringCommand) -> str:
+        """Return what `keep` does, one command at a time: a note goes into the bin with its run, and not beside it."""
+        name, to = command.name or "", command.to or "" if command.command == "rename" else None
         if command.command == "note":
             return note_run(self._runs, name, command.notes or "", command.tags or [])
-        if name and name in (run and run.name, self._desk.beginning):
-            raise RefusedError(409, f"the run {name} is under way; end it first")
-        if command.command == "restore":
-            return restore_run(self._runs, name)
-        to = command.to or "" if command.command == "rename" else None
-        said = bin_run(self._runs, name) if to is None else rename_run(self._runs, name, to)
-        self._desk.forget(name, to)
+        with self._desk.apart(name, *([] if to is None else [to])):
+            if command.command == "restore":
+                return restore_run(self._runs, name)
+            said = bin_run(self._runs, name) if to is None else rename_run(self._runs, name, to)
+            self._desk.forget(name, to)
         return said
 
     def shelve(self, shelf: str, name: str, text: str | None, replace: bool) -> str:

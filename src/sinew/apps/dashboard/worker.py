@@ -49,13 +49,20 @@ class Call(NamedTuple):
 
 
 class Size(NamedTuple):
-    """What a pool is made for. processes: so many at most. idle_s: after so long without a call one is ended [s]."""
+    """What a pool is made for. processes: so many at most. idle_s: after so long without a call one is ended [s].
+    is_cut: whether a process is ended that works for nobody any more; else it finishes, for what it knows is needed."""
 
     processes: int
     idle_s: float
+    is_cut: bool = False
 
 
-POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0), "preview": Size(1, 45.0)}
+POOLS = {
+    "quick": Size(1, 45.0),
+    "sketch": Size(1, 600.0),
+    "heavy": Size(2, 45.0, is_cut=True),
+    "preview": Size(1, 45.0, is_cut=True),
+}
 """The pools by name. Who thinks for a minute about a slider finds it warm; to become so again takes 5 s of a core."""
 
 CALLS = {
@@ -80,6 +87,7 @@ CALLS = {
     "suggest_pretension": Call(f"{_WORK}.design", "sketch", 2 * _SHORT_S),
     "prediction_for_plan": Call(f"{_WORK}.design", "heavy", _LONG_S),
     "run_results": Call(f"{_WORK}.results", "heavy", _LONG_S),
+    "prediction_of_run": Call(f"{_WORK}.results", "heavy", _LONG_S),
     "download": Call(f"{_WORK}.results", "heavy", _LONG_S),
 }
 """What can be called, by name."""
@@ -152,6 +160,9 @@ class _Place:
             raise WorkerError(
                 f"{request.name} took more than {most_s:g} s and was ended; ask for less at once"
             ) from None
+        except asyncio.CancelledError:
+            self.end()
+            raise
         finally:
             if self.is_taken:
                 self._idle = asyncio.get_running_loop().call_later(self._idle_s, self.end)
@@ -183,6 +194,7 @@ class _Pool:
 
     def __init__(self, size: Size) -> None:
         self.places = [_Place(size.idle_s) for _ in range(size.processes)]
+        self.is_cut = size.is_cut
         self._free = asyncio.PriorityQueue[int]()
         for number in range(size.processes):
             self._free.put_nowait(number)
@@ -229,13 +241,18 @@ class Worker:
         """Return what a function of `sinew.apps.dashboard.work` returns for these arguments, plain data all.
 
         key: of requests that replace each other, as those of a slider. Of those that wait only the newest is run, the
-        older ones return None.
+        older ones return None. Whoever waits no longer, and is cancelled, has it computed on only where that is short.
         Raises SinewError: what the function raises; WorkerError where it took too long or its process ended twice.
         """
         request = _Request(name, arguments)
-        task = self._begin(self._pools[CALLS[name].pool], request, key)
+        pool = self._pools[CALLS[name].pool]
+        task = self._begin(pool, request, key)
         try:
             return await asyncio.shield(task)
+        except asyncio.CancelledError:
+            if pool.is_cut:
+                task.cancel()
+            raise
         finally:
             request.is_wanted = False
 
@@ -271,3 +288,17 @@ class Work(Protocol):
     def call(self, name: str, *arguments: Any, key: str | None = None) -> Awaitable[Any]:
         """Return what a function of `sinew.apps.dashboard.work` returns; with a key only the latest request runs."""
         ...
+
+
+async def unless_left(asked: Awaitable[Any], left: Awaitable[Any]) -> Any:
+    """Return what is asked for a page, unless that is left before: it is cancelled then.
+
+    left: ends when the page is left. Raises CancelledError where it was.
+    """
+    call, leaving = asyncio.ensure_future(asked), asyncio.ensure_future(left)
+    try:
+        await asyncio.wait((call, leaving), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        leaving.cancel()
+        call.cancel()  # nothing happens to what is done
+    return await call

@@ -2,13 +2,16 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, RigArgument, flag, option
+from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, flag, option
 from sinew.measure.errors import FileError, SpecError
+
+if TYPE_CHECKING:
+    from sinew.measure.tasks import Spread
 
 
 def calibrate(
@@ -28,6 +31,10 @@ def calibrate(
         bool, flag("--posterior", "With --paper: what the numbers determine, as RIG2-posterior.json.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the posterior's draws.")] = 0,
+    scheduler: Scheduler = None,
+    workers: Workers = 1,
+    keep: Keep = None,
+    device: Device = "cpu",
     force: Annotated[bool, flag("--force", "Write over files that exist.")] = False,
     json: Json = False,
 ) -> None:
@@ -44,12 +51,14 @@ def calibrate(
     _refuse_overwriting(
         rig, [out, *(path for path, asked in zip(beside, (ranges, posterior), strict=True) if asked)], force
     )
+    spread = console.spread_of(scheduler, workers, keep, device)
     command = ["sinew", "calibrate", rig, *map(str, files), *(["--free", free] if free else [])]
     command += ["--paper"] if paper else []
     if paper:
-        document = _from_paper(rig, out, beside[0] if ranges else None, beside[1] if posterior else None, seed, command)
+        also = beside[0] if ranges else None, beside[1] if posterior else None
+        document = _from_paper(rig, out, *also, seed, command, spread)
     else:
-        document = _from_recordings(rig, files, out, free, command)
+        document = _from_recordings(rig, files, out, free, command, spread)
     from sinew.identify.joint.calibration import calibration_told
 
     made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
@@ -76,13 +85,15 @@ def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
             raise FileError(f"{path} {what}; give another name with --out, or write over it with --force")
 
 
-def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, command: list[str]) -> dict[str, Any]:
+def _from_recordings(
+    rig: str, files: list[Path], out: Path, free: str | None, command: list[str], spread: "Spread"
+) -> dict[str, Any]:
     from sinew.identify.joint.calibration import calibrate as run
     from sinew.plan.toml import save_rig
 
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
     with console.progress_bar("calibrate") as progress:
-        done = run(rig, files, name=out.stem, progress=progress, **chosen)
+        done = run(rig, files, name=out.stem, spread=spread, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
     head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
     save_rig(done.rig, out, head)
@@ -90,7 +101,7 @@ def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, c
 
 
 def _from_paper(
-    rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str]
+    rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str], spread: "Spread"
 ) -> dict[str, Any]:
     from sinew.identify.joint.calibration import with_intervals
     from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
@@ -108,12 +119,12 @@ def _from_paper(
     result, found = fitted.rig.model_copy(update={"name": out.stem}), None
     if posterior is not None:
         with console.progress_bar("posterior") as progress:
-            found = paper_posterior(before, fitted.values, seed=seed, progress=progress)
+            found = paper_posterior(before, fitted.values, seed=seed, spread=spread, progress=progress)
         console.write_json(found.to_json(), posterior)
         result = with_intervals(result, found.intervals())
     if ranges is not None:
         with console.progress_bar("ranges") as progress:
-            console.write_json(find_ranges(before, fitted.values, progress), ranges)
+            console.write_json(find_ranges(before, fitted.values, progress, spread=spread), ranges)
     # The shipped rig is written by this command; without an interval it stays in the plain form of a rig file.
     save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]

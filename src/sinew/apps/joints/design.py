@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, RigArgument, option
+from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, option
 from sinew.apps.joints.options import BASE_RIG, MODES, JointOptions, Mode, check_angle, designed_rig, with_joint_options
 from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import number
@@ -41,7 +41,10 @@ def design(
     exact: Annotated[int, typer.Option("--exact", min=1, help="Candidates that are computed exactly.")] = 24,
     proposals: Annotated[int, typer.Option("--proposals", min=1, help="How many, at most.")] = 4,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts, and of the twin.")] = 0,
-    scheduler: Annotated[str | None, option("ADDRESS", "A Dask scheduler whose workers do it.")] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = 1,
+    keep: Keep = None,
+    device: Device = "cpu",
     out: Annotated[Path | None, option("DIR", "Rigs, plans, figures and a page.")] = None,
     json: Json = False,
 ) -> None:
@@ -58,6 +61,7 @@ def design(
     silicones, shapes = known_silicones(base, _names(material)), known_shapes(_names(shape))
     if out is not None:
         console.require_folder(out)
+    spread = console.spread_of(scheduler, workers, keep, device)
     effort = Effort(starts, exact, proposals, seed)
     with console.progress_bar("design") as bar:
         found = design_joints(
@@ -66,7 +70,7 @@ def design(
             silicones,
             shapes,
             effort,
-            scheduler=scheduler,
+            spread=spread,
             progress=lambda _, done, total: bar(done, total),
         )
     document = found.document()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, RigArgument, option
+from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, option
 from sinew.apps.joints.options import MODES, Mode, check_angle
 from sinew.measure.errors import SpecError
 
@@ -98,6 +98,10 @@ def workspace(
     pretension: Annotated[str, option("MM,...", "Pretensions, one map for each.", "--pretension-mm")] = "0,6,12",
     step: Annotated[float, option("DEG", "From one pose to the next.", "--step-deg")] = 2.0,
     mode: Mode = "position",
+    scheduler: Scheduler = None,
+    workers: Workers = 1,
+    keep: Keep = None,
+    device: Device = "cpu",
     out: Annotated[Path | None, option("FILE.png", "Draw the maps into this file (png, pdf, svg).")] = None,
     json: Json = False,
 ) -> None:
@@ -109,11 +113,12 @@ def workspace(
     console.checked_number("--step-deg", step, "0.1 to 40", low=0.1, high=40)
     pretensions = console.number_list("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
     _check_picture(out)
+    spread = console.spread_of(scheduler, workers, keep, device)
     from sinew.plan.toml import load_rig
     from sinew.predict.workspace import map_workspace
 
     with console.progress_bar("map") as progress:
-        found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, progress=progress)
+        found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, spread=spread, progress=progress)
     if out is None:
         _tell(found, json=json)
         return

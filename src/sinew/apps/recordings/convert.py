@@ -1,5 +1,6 @@
-"""`sinew look`, `import`, `export` and `film`: files for and of other programs, looked into, read and written."""
+"""`sinew look`, `import`, `export`, `table` and `film`: files for and of other programs, looked into and written."""
 
+import json as json_
 from pathlib import Path
 from typing import Annotated, Any, cast, get_args
 
@@ -7,7 +8,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, option
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import FileError, SpecError
 
 
 def look(
@@ -82,6 +83,86 @@ def export(
     export_recording(recording, console.require_file(out), to)
     document = {"file": str(out), "format": to, "samples": recording.sizes["sample"]}
     console.print_result(document, [f"{out}: {recording.sizes['sample']} samples"], json=json)
+
+
+# Results as tables.
+
+
+def table(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT",
+            help="What --json of a command printed (.json), results or a recording (.nc), or the folder of a campaign.",
+        ),
+    ],
+    to: Annotated[str, option("latex|csv", "The format, where --out does not say it.")] = "latex",
+    part: Annotated[str | None, option("NAME,...", "Only these tables, as resonance or ring_down.")] = None,
+    out: Annotated[Path | None, option("FILE", "Write .tex, or .csv (one file for each table); else print.")] = None,
+    json: Json = False,
+) -> None:
+    """Write tables of results with their uncertainties: LaTeX (booktabs, siunitx) or CSV.
+
+    Resonances, damping, response and energy of a recording, the mechanics of a fit, the paper's numbers beside the
+    measured ones: every table that a result's document has. In LaTeX a number is 3.021(20), in CSV its standard
+    deviation and 90 % interval have columns.
+    """
+    from sinew.measure.files.tables import FORMATS, csv_table, export_table, latex_table, tables_of
+
+    console.check_choice("--to", to, tuple(FORMATS))
+    if out is not None:
+        if out.suffix not in FORMATS.values():
+            raise SpecError(f"--out is {out}, expected a name that ends with {' or '.join(FORMATS.values())}")
+        console.require_file(out)
+    document = _result_document(source)
+    parts = [] if part is None else [name.strip() for name in part.split(",")]
+    tables = tables_of(document, parts)
+    if out is not None:
+        files = export_table(document, out, parts)
+        told = [f"{file}" for file in files]
+        names = [one.name for one in tables]
+        console.print_result({"files": [str(file) for file in files], "parts": names}, told, json=json)
+    elif json:
+        console.print_json({"parts": [one._asdict() for one in tables]})
+    elif to == "latex":
+        print("\n".join(latex_table(one) for one in tables), end="")
+    else:
+        several = len(tables) > 1
+        print("\n".join((f"# {one.name}\n" if several else "") + csv_table(one) for one in tables), end="")
+
+
+def _result_document(source: Path) -> dict[str, Any]:
+    """Return the document of a result: of a file of JSON, of results, of a recording, or of a campaign's folder, whose
+    summary has the paper's numbers."""
+    from sinew.analysis.analysed import analyse, results_document
+    from sinew.measure.errors import SchemaError
+    from sinew.measure.files.netcdf import load_results
+
+    if source.is_dir():
+        found: dict[str, Any] = {}
+        if (source / "results.nc").is_file():
+            found |= results_document(load_results(source / "results.nc"))
+        if (source / "summary.json").is_file():
+            found["paper"] = _read_json(source / "summary.json").get("paper", [])
+        if not found:
+            raise FileError(f"found no results.nc or summary.json in {source}; name a campaign's folder, or a file")
+        return found
+    if source.suffix == ".json":
+        return _read_json(source)
+    try:
+        return results_document(load_results(source))
+    except SchemaError:
+        return analyse(source).document
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        document = json_.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileError(f"cannot read {path} as JSON: {error}") from error
+    if not isinstance(document, dict):
+        raise FileError(f"{path} is no result's document, which is one JSON object")
+    return document
 
 
 # A recording as a film.

@@ -2,15 +2,33 @@
 
 import re
 import shlex
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Columns, ColumnTime, Gaps, Json, Rate, Run, Start, Stop, flag, option
-from sinew.measure.errors import SpecError, TimeError
+from sinew.apps.console import (
+    Columns,
+    ColumnTime,
+    Gaps,
+    Json,
+    Keep,
+    Rate,
+    Run,
+    Scheduler,
+    Start,
+    Stop,
+    Workers,
+    flag,
+    option,
+)
+from sinew.measure.errors import FileError, SinewError, SpecError, TimeError
+from sinew.measure.estimate import shown
+from sinew.measure.told import Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,7 +38,8 @@ if TYPE_CHECKING:
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.stepped.points import ResponsePoints
     from sinew.measure import timing
-    from sinew.measure.files.csv import Table
+    from sinew.measure.files.csv import Table as CsvTable
+    from sinew.measure.tasks import Spread
 
     Array = np.ndarray[tuple[int], np.dtype[np.float64]]
 
@@ -30,7 +49,12 @@ _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="A table of any lab, a recording of Sinew (NetCDF), several, or a folder."
+        ),
+    ],
     time: ColumnTime = None,
     input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
     output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
@@ -64,6 +88,9 @@ def identify(
     chain: Annotated[
         str | None, option("phase,background", "Of steady states: what the measuring chain may add; a constant.")
     ] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = 1,
+    keep: Keep = None,
     out: Annotated[Path | None, option("DIR", "Folder for fit.json, fit.html and figures.")] = None,
     json: Json = False,
 ) -> None:
@@ -72,6 +99,8 @@ def identify(
     Without --train and --test the fit is to all samples, and every fourth block of them is held out once to compare
     models. With --model auto the stiffness law and the damping law are chosen, or it says what cannot be told.
     Of a free decay the free part is found, unless --start, --stop, --train or --test choose one.
+    Several files, or a folder (of runs, or of recordings), are a row each, by workers side by side, and --out takes
+    the document of each as it comes; a file that tells nothing is a row that says why.
 
     \b
     a force sweep, figures too:
@@ -85,6 +114,8 @@ def identify(
     a recording of a rig, one pretension as one degree of freedom, or all of it as the tendon joint:
       sinew identify recording.nc --pretension 4 --model cubic
       sinew identify recording.nc --model tendon --out out/joint
+    a folder of runs, by four processes, again what was broken off:
+      sinew identify runs --model cubic --workers 4 --keep out/fits.sqlite
     a stepped sine, each row a steady state with columns frequency_hz and phase_deg; each level of the drive a curve:
       sinew identify steps.csv --kind stepped --output amplitude:deg --input torque:N*m --excitation torque --out out/e
     """
@@ -93,8 +124,12 @@ def identify(
     console.check_choice("--kind", kind, KINDS)
     if out is not None:
         console.require_folder(out)
+    many = _recordings_in(files)
+    spread = console.spread_of(scheduler, workers, keep)
+    if many is None and (scheduler, workers, keep) != (None, 1, None):
+        raise SpecError("--scheduler, --workers and --keep are for several files, or a folder; leave them out")
     asked = _Asked(
-        file=file,
+        file=files[0],
         time=time,
         input=input_,
         output=output,
@@ -119,12 +154,78 @@ def identify(
         phase=phase,
         chain=chain,
     )
-    found = _find_stepped(asked) if kind == "stepped" else _find(asked)
+    if many is not None:
+        _identify_many([replace(asked, file=file) for file in many], spread, out, json=json)
+        return
+    found = _found(asked, console.progress_bar)
     written = ""
     if out is not None:
         with console.progress_bar("draw"):
             written = f"page: {_write(found, asked, out)}"
     console.print_result(found.document, found.told(), written, json=json)
+
+
+# Several files: each is a task.
+
+
+def _recordings_in(files: list[Path]) -> list[Path] | None:
+    """Return the files, with the recordings of a folder in place of it; None where it is one file."""
+    if len(files) == 1 and not files[0].is_dir():
+        return None
+    found = []
+    for file in files:
+        inside = sorted([*file.glob("*.nc"), *file.glob("*/recording.nc")]) if file.is_dir() else [file]
+        if not inside:
+            raise FileError(
+                f"found no recording in the folder {file}, neither NAME.nc nor NAME/recording.nc; name files"
+            )
+        found += inside
+    return found
+
+
+def _identify_many(asked: "list[_Asked]", spread: "Spread", out: Path | None, *, json: bool) -> None:
+    """Identify every file, and print a row for each; a document for each goes into the folder as it comes."""
+    from sinew.measure.tasks import each_task
+
+    tasks = [(replace(one, file=one.file.absolute()), _stamp(one.file)) for one in asked]
+    documents: dict[int, dict[str, Any]] = {}
+    with console.progress_bar("identify") as progress:
+        for place, found in each_task(_one_of_many, tasks, spread, progress):
+            documents[place] = {"file": str(asked[place].file), **found}
+            if out is not None:
+                name = (
+                    asked[place].file.parent.name
+                    if asked[place].file.name == "recording.nc"
+                    else asked[place].file.stem
+                )
+                console.write_json(documents[place], out / f"{place + 1:04d}-{name}.json")
+    rows = [documents[place] for place in range(len(asked))]
+    sound = [row for row in rows if "refused" not in row]
+    cells = [
+        (row["file"], row["model"], *(shown(row[name]) for name in ("natural_frequency_hz", "damping_ratio")))
+        for row in sound
+    ]
+    told: list[Table | str] = [Table(("file", "model", "natural frequency/Hz", "damping ratio"), cells)]
+    told += [f"- {row['file']}: {row['refused']}" for row in rows if "refused" in row]
+    document = {"identified": len(sound), "refused": len(rows) - len(sound), "files": rows}
+    console.print_result(document, told, f"documents: {out}" if out is not None else "", json=json)
+
+
+def _stamp(file: Path) -> tuple[int, int]:
+    """Return what changes with a file, for what is kept of it: bytes and time of the last change; zeros of none."""
+    try:
+        found = file.stat()
+    except OSError:
+        return 0, 0
+    return found.st_size, found.st_mtime_ns
+
+
+def _one_of_many(task: "tuple[_Asked, tuple[int, int]]") -> dict[str, Any]:
+    """Return the document of one file, or why there is none."""
+    try:
+        return _found(task[0], lambda _: nullcontext()).document
+    except SinewError as refusal:
+        return {"refused": str(refusal)}
 
 
 @dataclass(frozen=True)
@@ -211,7 +312,14 @@ def _range(flag: str, text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def _find(asked: _Asked) -> "Identified":
+_Bar = Callable[[str], AbstractContextManager[console.Progress | None]]
+
+
+def _found(asked: _Asked, bar: _Bar) -> "Identified":
+    return _find_stepped(asked, bar) if asked.kind == "stepped" else _find(asked, bar)
+
+
+def _find(asked: _Asked, bar: _Bar) -> "Identified":
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
@@ -220,7 +328,7 @@ def _find(asked: _Asked) -> "Identified":
             raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
     record: xr.Dataset | Record
     train, test = asked.train, asked.test
-    with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+    with bar("models compared" if asked.model == "auto" else "fit") as progress:
         if is_recording(asked.file):
             refuse_columns(
                 asked.time, asked.input, asked.output, asked.rate_hz, asked.run, asked.columns, _said(asked.gaps)
@@ -280,7 +388,7 @@ def _moved(samples: tuple[int, int] | None, by: int) -> tuple[int, int] | None:
     return None if samples is None else (samples[0] - by, samples[1] - by)
 
 
-def _find_stepped(asked: _Asked) -> "Identified":
+def _find_stepped(asked: _Asked, bar: _Bar) -> "Identified":
     from sinew.identify.identified import identify as run
     from sinew.measure.read import is_recording
 
@@ -313,7 +421,7 @@ def _find_stepped(asked: _Asked) -> "Identified":
             run=asked.run,
             columns=asked.columns,
         )
-    with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+    with bar("models compared" if asked.model == "auto" else "fit") as progress:
         return run(points, asked.model, chain=chain, progress=progress)
 
 
@@ -452,7 +560,7 @@ def _check_bridges(record: "Record") -> None:
         )
 
 
-def _column(table: "Table", spec: str) -> "tuple[Array, str, str]":
+def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
     """Return a column, or the mean of several, in SI, the SI unit, and the unit that it came in."""
     import numpy as np
 

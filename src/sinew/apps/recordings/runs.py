@@ -30,7 +30,7 @@ def runs(
     ranges as f_r=3..3.4, and hold at one and the same pretension; tag:, rig:, plan:, source:, state:, reason:, notes:,
     name: and begin>=2026-03 narrow it further, - before a word leaves out what has it.
     """
-    from sinew.analysis.run_index import parse_query, quantity_of
+    from sinew.analysis.run_index import MOST_RUNS, parse_query, quantity_of
     from sinew.apps.dashboard.work.runs import index_of
 
     parse_query(search)  # what is wrong with it is said before anything is read
@@ -54,7 +54,9 @@ def runs(
         count = index.count(search)
         found = index.search(search, most=most if quantity is None else None)
     if refreshed.left:
-        console.remark(f"{refreshed.left} folders are beyond the most that an index takes, and are left out")
+        console.remark(
+            f"{refreshed.left} folders are left out: beyond the {MOST_RUNS} that an index takes, or named in no UTF-8"
+        )
     if quantity is None:
         _tell_runs(found, count, search, json)
     else:

@@ -621,6 +621,17 @@ class JournalReader:
         dates = ((number, *map(datetime.fromisoformat, texts)) for number, *texts in rows)
         return {number: (when.timestamp(), (when - began).total_seconds()) for number, when, began in dates}
 
+    def epoch(self, session: int) -> float:
+        """Return what makes of the clock of a run [s] seconds since 1970: of its newest event, else of its begin."""
+        found = self._connection.execute(
+            "SELECT date, time_s FROM events WHERE session = ? AND time_s IS NOT NULL ORDER BY id DESC LIMIT 1",
+            (session,),
+        ).fetchone()
+        if found is None:
+            first = self._connection.execute("SELECT min(time_s) FROM samples WHERE session = ?", (session,)).fetchone()
+            found = (self.dates[session - 1] if session <= len(self.dates) else _date(), first[0] or 0.0)
+        return datetime.fromisoformat(found[0]).timestamp() - float(found[1])
+
     def tendons_at_contact(self) -> Array | None:
         """Return the angles of the tendon motors [rad] where first contact was found last, (tendon,); else None."""
         found = self._connection.execute(

@@ -8,7 +8,6 @@ viscous damping is bounded. The winner's residuals are tested, and the verdict s
 winner misses more than a tenth of the motion, and not by noise, no law is told.
 """
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -28,6 +27,7 @@ from sinew.identify.oscillator.track import LOCAL, PLACE
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
+from sinew.measure.tasks import cores
 from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS, BoucWen, Cubic, DryFriction, Law, Linear, Pendulum, Viscous
 
 # ---- the held-out part of a record, predicted by what the other part taught
@@ -366,7 +366,7 @@ def _race(
         finally:
             told()
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         for terms in sorted({len(model.law.terms) for model in models}):
             level = [model for model in models if len(model.law.terms) == terms]
             known = [_smaller([*others, *rows], model) for model in level]

@@ -16,6 +16,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, NORMAL_95, UNKNOWN, Estimate, interval, number
 from sinew.measure.files.netcdf import content_hash, load_recording
+from sinew.measure.tasks import HERE, Spread, run_tasks
 from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import Calibrated, RigSpec
@@ -233,13 +234,15 @@ def calibrate(
     *,
     name: str | None = None,
     free: Sequence[str] = FREE,
+    spread: Spread = HERE,
     progress: Callable[[float, float], None] | None = None,
 ) -> Calibration:
     """Return a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
 
     rig: that was recorded, as such, its file or its name. recordings: of it, as such or as NetCDF files; one or more.
     name: of the rig that comes out. free: dotted names of the parameters to find; what the recordings do not determine
-    keeps its value and origin. progress: called with (done, total). It takes about half a minute.
+    keeps its value and origin. spread: a cluster that fits instead of this process, and where the fit is kept.
+    progress: called with (done, total). It takes about half a minute.
     Raises SpecError for a parameter that cannot be free, RecordingError where nothing is determined.
 
     >>> import sinew as sn
@@ -255,7 +258,7 @@ def calibrate(
     sources = [source_of(file, recording) for file, recording in zip(files, loaded, strict=True)]
     configure()
     return calibrate_rig(
-        loaded, sources, before, name=name or f"{before.name}-calibrated", free=free, progress=progress
+        loaded, sources, before, name=name or f"{before.name}-calibrated", free=free, spread=spread, progress=progress
     )
 
 
@@ -266,11 +269,13 @@ def calibrate_rig(
     *,
     name: str,
     free: Sequence[str] = FREE,
+    spread: Spread = HERE,
     progress: Callable[[float, float], None] | None = None,
 ) -> Calibration:
     """Return the rig with its free parameters as the recordings have them.
 
     sources: of the recordings, in their order. name: of the rig that comes out. free: dotted names of parameters.
+    spread, progress: see `calibrate`.
     What the recordings do not determine, because its interval is unknown or more than half as wide as the bounds alone
     leave it, is held at its old value, and the rest is fitted again beside it.
     Raises SpecError for a name that cannot be free and for a recording of a joint with another number of tendons,
@@ -285,7 +290,10 @@ def calibrate_rig(
     ]
     sought, kept = list(free), list[str]()
     while True:
-        fit = fit_joint(recordings, rig, free=sought, progress=progress)
+        if spread.scheduler is None and spread.keep is None:
+            fit = fit_joint(recordings, rig, free=sought, progress=progress)
+        else:  # each step of a search begins where the last ended: all of it is one task
+            (fit,) = run_tasks(_fitted, [(tuple(recordings), rig, tuple(sought))], spread)
         vague = [one for one in sought if not _is_determined(fit.parameters[one], parameter_of(rig, one))]
         kept += vague
         if not vague:
@@ -310,6 +318,11 @@ def calibrate_rig(
         )
     remarks += [sentence for sentence in (fit.message, *fit.unidentifiable) if sentence]
     return Calibration(rig, calibrated, found, followed, tuple(kept), fit, tuple(sources), tuple(remarks))
+
+
+def _fitted(task: tuple[Sequence[xr.Dataset], RigSpec, Sequence[str]]) -> JointFit:
+    recordings, rig, sought = task
+    return fit_joint(recordings, rig, free=sought)
 
 
 def scatter_between_repeats(fit: JointFit, rig: RigSpec) -> str:

@@ -5,7 +5,6 @@ residuals are whitened by the noise that a fit before has shown.
 """
 
 import math
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -24,6 +23,7 @@ from sinew.identify.joint.coordinates import Coordinates, Numbers
 from sinew.identify.joint.swing import Sieve, Swing, make_sieve
 from sinew.identify.oscillator.least_squares import Problem
 from sinew.measure.arrays import Array
+from sinew.measure.tasks import cores
 from sinew.mechanics.joint import State, axial_omega, derivative, head_forces, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import total_tension
@@ -152,7 +152,7 @@ def _values_and_slopes(
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-joint")
+    return ThreadPoolExecutor(max_workers=cores(), thread_name_prefix="sinew-joint")
 
 
 def simulate_swings(

@@ -15,10 +15,9 @@ import xarray as xr
 from scipy import io
 
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, write_atomically
 from sinew.measure.errors import SpecError
 from sinew.measure.files.formats import library
-from sinew.measure.files.netcdf import write_atomically
 from sinew.measure.recording import segment_slices
 from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, validate_recording
 from sinew.measure.units import unit_suffix

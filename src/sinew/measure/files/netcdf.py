@@ -2,11 +2,9 @@
 
 import hashlib
 import math
-import os
 import platform
-import tempfile
 import zlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from sinew import __version__
-from sinew.measure.doors import as_path, most_bytes
+from sinew.measure.doors import as_path, most_bytes, write_atomically
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.schema import upgrade_results, validate_recording, validate_results
 
@@ -70,50 +68,6 @@ def _attributes_text(attrs: Mapping[Any, Any]) -> str:
     """Return attributes as one text, the same before and after a file turned lists into arrays."""
     rows = ((str(key), np.atleast_1d(attrs[key]).tolist()) for key in sorted(attrs, key=str) if key not in _UNHASHED)
     return "\0".join(f"{key}={values}" for key, values in rows)
-
-
-def write_text(path: Path | str, text: str) -> None:
-    """Write a text file, see `write_atomically`."""
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(text.encode("utf-8"))
-
-    write_atomically(path, write)
-
-
-def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
-    """Write a file whole or not at all: to a temporary neighbour, flushed to disk, then renamed.
-
-    write: gets the temporary path and writes the content there.
-    Raises FileError where the folder cannot be written.
-    """
-    path = as_path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise FileError(
-            f"cannot write {path}: {error.strerror or error}; choose a folder that you may write"
-        ) from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:  # the NetCDF library reports a full disk as RuntimeError
-        reason = (error.strerror if isinstance(error, OSError) else None) or error
-        raise FileError(f"cannot write {path}: {reason}; choose another place and check the free space") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:

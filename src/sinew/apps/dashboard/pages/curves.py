@@ -114,7 +114,7 @@ class Curves:
         self._chart = ui.echart(options_of(self.what, [], self.x_name), renderer="svg")
         with ui.element("details").classes("sinew-table") as details:
             with ui.element("summary"):
-                ui.label(f"{_AXES[self.what].partition(' / ')[0].capitalize()} as a table")
+                ui.label(f"{begun(_AXES[self.what].partition(' / ')[0])} as a table")
             self._table = ui.html(sanitize=False)
         self._is_open = False
         details.on("toggle", self._toggled, js_handler="(event) => emit(event.target.open)")
@@ -157,6 +157,11 @@ class Curves:
         return Curve.of_estimates(name, one["frequency_hz"], one[self.what], one.get("number"), verdicts)
 
 
+def begun(text: str) -> str:
+    """Return text as a sentence begins; the rest keeps its letters: Hz and D stay what they are."""
+    return text[:1].upper() + text[1:]
+
+
 def options_of(
     what: str,
     curves: Sequence[Curve],
@@ -169,8 +174,11 @@ def options_of(
     what: gain, phase, damping or amplitude. marked: place on the x axis of a vertical line. marks: (x, y, label).
     """
     series: list[dict[str, Any]] = []
+    points = sum(not curve.is_line for curve in curves)
     for place, curve in enumerate(curves):
-        series += _series(curve, place if curve.number is None else curve.number)
+        # Of points at one place the first are the largest, so that none hides another.
+        size = 8 + 2 * min(2, max(0, points - 1 - place))
+        series += _series(curve, place if curve.number is None else curve.number, size)
     if marked is not None:
         line = {"silent": True, "symbol": "none", "lineStyle": {"color": "var(--ink)", "type": "dashed"}}
         line["label"] = {"formatter": f"wanted {marked:g}", "color": "var(--ink)", "textBorderWidth": 0}
@@ -247,7 +255,7 @@ def style_of(number: int) -> tuple[str, str | list[int], str]:
     )
 
 
-def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
+def _series(curve: Curve, number: int, size: int) -> list[dict[str, Any]]:
     colour, dash, symbol = style_of(number)
     points = [[x, y] for x, y in zip(curve.x, curve.y, strict=True)]
     style = {"color": colour}
@@ -258,7 +266,14 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
             if None not in (low, high)
         ]
         bars = {"type": "custom", ":renderItem": _WHISKER, "data": whiskers, "encode": {"x": 0, "y": [1, 2]}, "z": 3}
-        scatter = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "itemStyle": style, "z": 4}
+        scatter = {
+            "type": "scatter",
+            "name": curve.name,
+            "symbol": symbol,
+            "symbolSize": size,
+            "itemStyle": style,
+            "z": 4,
+        }
         missed: dict[str, Any] = {"symbol": _MISS, "symbolSize": 13}
         missed["itemStyle"] = {"color": "var(--bad)", "borderColor": colour, "borderWidth": 1.5}
         data = [

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any, NamedTuple
 
 from nicegui import ui
@@ -10,7 +11,8 @@ from nicegui import ui
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer
+from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -46,6 +48,9 @@ _SIZES = {
 }
 _DRAWN_ONLY = "wanted_hz"
 """It moves a mark, and nothing is computed for it."""
+
+
+_COMPILES = "The equations are being compiled, once: some seconds, more where the computer is busy."
 
 
 def add_design_page(site: Site) -> None:
@@ -117,6 +122,7 @@ class _Sliders:
                     )
                     plain_button("Save as rig", "sinew-rig-save", self._save, needs_operator=True)
                     plain_button("Download", "sinew-rig-download", self._download)
+                    why_not()
             with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12):
                     self._gain = Curves("gain")
@@ -126,11 +132,13 @@ class _Sliders:
                 with card("What it is worth", 12):
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     with self._notes:
-                        empty("The equations are being compiled; that takes some seconds once.")
+                        self._waiting = empty(_COMPILES)
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
-                        ui.element("div").classes("sinew-scroll").props('tabindex=0 role=region aria-label="Joints"')
+                        ui.element("div")
+                        .classes("sinew-scroll sinew-whole")
+                        .props('tabindex=0 role=region aria-label="Joints"')
                     )
 
     def _slider(self, key: str, size: _Size) -> None:
@@ -138,7 +146,7 @@ class _Sliders:
         with ui.element("div").classes("sinew-slider"):
             ui.html(f"{size.name}", sanitize=False, tag="label").props(f"id=sinew-label-{key}")
             slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
-            slider.props(f'id=sinew-slider-{key} aria-label="{called}" dense')
+            slider.props(f'id=sinew-slider-{key} aria-label="{size.name}" dense')
             number = ui.number(value=value, min=size.low, max=size.high, step=size.step, suffix=size.unit)
             number.props(f'for=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
             reset = plain_button("Reset", f"sinew-reset-{key}", lambda: self._put({key: self._built[key]}))
@@ -166,10 +174,20 @@ class _Sliders:
         for key in _SIZES:
             self._show_value(key)
         self._tabulate()
-        await self._change()
+        began = monotonic()
+        counter = ui.timer(1.0, lambda: self._count(monotonic() - began))
+        try:
+            await self._change()
+        finally:
+            counter.cancel()
         self._site.work.warm_up()
         for joint in (self._as_built, *self._kept):
             await self._finish(joint)
+
+    def _count(self, seconds: float) -> None:
+        """Say how long the first curve has been waited for."""
+        if not self._waiting.is_deleted:
+            self._waiting.set_text(f"{_COMPILES} {seconds:.0f} s so far.")
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, and show what comes of it."""
@@ -188,6 +206,7 @@ class _Sliders:
     def _show_value(self, key: str) -> None:
         row, value = self._rows[key], self._now.values[key]
         row.slider.set_value(value)
+        row.slider.props(f'aria-valuetext="{value:g} {_SIZES[key].unit}"')
         row.number.set_value(value)
         is_built = value == self._built[key]
         row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
@@ -218,7 +237,8 @@ class _Sliders:
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
         asked = [self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
-        return await self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        call = self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        return await unless_left(call, ui.context.client.disconnected())
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""
@@ -332,7 +352,8 @@ class _Sliders:
         if best is None:
             self._suggestion.set_text(found["sentence"])
             return
-        self._suggestion.set_text(f"{quantity(best, 'mm')}: {found['sentence']}")
+        said = f"{quantity(best, 'mm')}: " if best.get("interval90") else ""
+        self._suggestion.set_text(f"{said}{found['sentence']}")
         self._best = round(best["value"], 2)
         self._use.set_visibility(True)
 

@@ -20,6 +20,7 @@ from sinew.apps.dashboard.hub import Hub, Results
 from sinew.apps.dashboard.work.runs import read_shelf
 from sinew.apps.dashboard.worker import Work
 from sinew.measure.estimate import shown_interval, typeset
+from sinew.measure.units import local_time
 from sinew.plan.toml import read_spec
 
 # The pages find what they share: folders, hub, worker, access.
@@ -49,7 +50,7 @@ class Site:
         return read_spec("rigs", name) if name == self.rig else read_shelf("rigs", name, self.runs)
 
 
-_PAGES = (("Live", "/"), ("Plan", "/plan"), ("Runs", "/runs"), ("Design", "/design"))
+_PAGES = (("Live", "/"), ("Plan", "/plan"), ("Runs", "/runs"), ("Design", "/design"), ("Help", "/help"))
 _BUTTONS = (
     ("take", "Take control", "Have the bench obey this page"),
     ("pause", "Pause", "Rest after the segment under way; the tension stays"),
@@ -77,14 +78,14 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
         yield
 
 
-def plain_page(site: Site, title: str, content: str) -> str:
+def plain_page(site: Site, title: str, content: str, here: str = "") -> str:
     """Return the HTML of a page that needs no server once it is there. content: HTML of its main part."""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}</head>'
-        f'<body class="sinew-plain">{_head(site, "")}<main class="nicegui-content"><div class="sinew-content">{content}'
-        "</div></main></body></html>"
+        f'<body class="sinew-plain">{_head(site, here)}<main class="nicegui-content"><div class="sinew-content">'
+        f"{content}</div></main></body></html>"
     )
 
 
@@ -149,6 +150,11 @@ def heading(text: str) -> ui.label:
     return ui.label(text).props("role=heading aria-level=1").classes("text-h6")
 
 
+def clock_time(moment: str) -> str:
+    """Return an ISO 8601 time as pages say it, in the zone of the bench's computer: "2026-03-01 14:05"."""
+    return local_time(moment)[:16]
+
+
 def empty(sentence: str) -> ui.label:
     """Show what to do where there is nothing to show yet."""
     return ui.label(sentence).classes("sinew-empty")
@@ -170,6 +176,49 @@ def _data(name: str, data: Any) -> str:
 def quantity(estimate: dict[str, Any], unit: str) -> str:
     """Return an estimate as a page says it: value and 90 % interval with unit, its digits by its uncertainty."""
     return typeset(shown_interval(estimate, unit))
+
+
+# The page of help is as plain as those that stand in for others: it needs no server once it is there.
+
+_HELP = """
+<div class="sinew-card"><h1>Help</h1><h2>A first run</h2><ol class="sinew-steps">
+<li><a href="/plan">Plan</a> has chosen a short plan. Its timeline says what the bench will do, and for how long.</li>
+<li><b>Take control and start</b> begins it. One page at a time is in control; all others look on.</li>
+<li><a href="/">Live</a> shows it: some ten seconds on the twin, then the bench pulls, swings and records; the curve
+grows.</li>
+<li><b>Open its results</b> leads to what it found; <a href="/runs">Runs</a> has all runs, their trend, what tells them
+apart.</li></ol></div>
+<div class="sinew-card"><h2>Buttons</h2><dl class="sinew-words">
+<dt>Pause, Resume</dt><dd>rests after the group under way, the tension stays; goes on with the next group</dd>
+<dt>End run</dt><dd>ends it now, in the state that the rig declares safe; it can be gone on with later</dd>
+<dt>Hold</dt><dd>ends the run; every motor stands still with limited output, and the tension stays</dd>
+<dt>Release</dt><dd>ends the run; the tension is let down and the torque taken off</dd>
+<dt>Emergency stop</dt><dd>F9, or Escape twice: all motors stand at once. It is on every page and needs no reset</dd>
+<dt>Take over</dt><dd>steers from here when another page, perhaps an older window of yours, is in control</dd>
+</dl></div>
+<div class="sinew-card"><h2>Words</h2><dl class="sinew-words">
+<dt>rig, bench, twin</dt><dd>a joint and its motors as a file; the real one on the table, or emulated; its
+equations</dd>
+<dt>lever θ, torsion φ</dt><dd>how far the drive turns the lever against the head, the head twists against the base</dd>
+<dt>pretension</dt><dd>by how much all tendons are shortened after first contact, where they are just taut</dd>
+<dt>gain, f_r</dt><dd>torsion over the commanded angle of the lever; the frequency at which it is largest</dd>
+<dt>phase lag</dt><dd>by how much the torsion comes after the lever: 90° at resonance</dd>
+<dt>damping D</dt><dd>Lehr's: at 0.07 a free swing falls to about a quarter within three periods</dd>
+<dt>group</dt><dd>what is recorded at one setting: a rest, a swing at one frequency, a free decay</dd>
+<dt>settling</dt><dd>the bench drives and waits until the swing is steady; then it records</dd>
+<dt>tilt</dt><dd>by how much the head plate leans away from its pose</dd></dl></div>
+<div class="sinew-card"><h2>Colours and marks</h2><p>Blue tendons are slack, orange ones near the rig's limit. Filled
+points
+are measured, with their 90 % intervals; lines and hollow points are predicted; a red cross misses its prediction.
+What is
+grey and hatched is old and says how old. A red box is for what ended early or alarms. No meaning is in a colour
+alone.</p>
+</div>"""
+
+
+def help_page(site: Site) -> str:
+    """Return the HTML of the page of help."""
+    return plain_page(site, "Help", _HELP, "/help")
 
 
 # Pages that stand in for others: one that does not exist, one that cannot be made, one that asks for the token.

@@ -7,12 +7,14 @@ from nicegui import ui
 from sinew.apps.dashboard.hub import Results
 from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
-from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
+from sinew.apps.dashboard.pages.frame import Site, card, choice, framed, live_card, quantity, script
 from sinew.apps.dashboard.pages.samples import lay_out_scope
 from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.plan.toml import load_rig
 
 _LOOK_S = 0.5
+_EYE = (0.95, -1.1, 1.15)
+"""Where the joint is seen from at first, in lengths of its silicone."""
 
 
 def add_live_page(site: Site) -> None:
@@ -25,8 +27,8 @@ def add_live_page(site: Site) -> None:
             ui.label("Live").props("role=heading aria-level=1").classes("sinew-hidden")
             nothing = "Nothing has run yet." if site.bench else "No bench: start sinew serve with --emulate."
             with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
-                said = empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
-                said.props("id=sinew-nothing-yet role=status")
+                ui.label(nothing).props("id=sinew-nothing-yet role=status").classes("text-bold")
+                ui.html(_STEPS, sanitize=False).props("id=sinew-steps")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card()
                 with live_card("Oscilloscope", 6):
@@ -36,8 +38,16 @@ def add_live_page(site: Site) -> None:
                 _bench_card()
                 _alarms_card()
                 _happened_card()
-        script("sinew-live", {"scene": scene, "rig": drawn_rig(rig)})
+        script("sinew-live", {"scene": scene, "eye": _EYE, "rig": drawn_rig(rig)})
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
+
+
+_STEPS = """<ol class="sinew-steps">
+<li><a href="/plan">Plan a run</a>: one is chosen already, of half a minute.</li>
+<li><b>Take control and start</b>, on that page.</li>
+<li>Watch it here: the joint, its swing, and the resonance curve as it grows. <b>Open its results</b> comes at the
+end.</li>
+</ol><p class="sinew-soft">What the words and the buttons mean: <a href="/help">Help</a>.</p>"""
 
 
 def _joint_card() -> int:
@@ -47,14 +57,15 @@ def _joint_card() -> int:
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
             scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
-            scene.move_camera(0.95, -1.1, 1.15, 0.0, 0.0, 0.55, duration=0)
+            scene.move_camera(*_EYE, 0.0, 0.0, 0.55, duration=0)
             ui.element("div").props("id=sinew-tensions")
         ui.html(
             '<div class="sinew-row"><label for="sinew-exaggeration">Deformation drawn '
             '<output id="sinew-exaggeration-said" for="sinew-exaggeration">1×</output></label>'
             '<input type="range" id="sinew-exaggeration" min="1" max="10" step="0.5" value="1" '
             'aria-valuetext="1 times"><button type="button" class="sinew-button" id="sinew-slow" aria-pressed="false">'
-            "Last periods, 1/10 speed</button>"
+            'Last periods, 1/10 speed</button><button type="button" class="sinew-button" id="sinew-joint-home">'
+            "Reset view</button>"
             '</div><div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
             '<span style="color:var(--high)">●</span> '
             '<span id="sinew-tension-limit">–</span> N, the rig\'s limit</div>',
@@ -69,7 +80,8 @@ def _numbers(rows: tuple[tuple[str, str], ...]) -> None:
 
 
 def _numbers_card() -> None:
-    with live_card("Run", 3):
+    with live_card("Run", 3) as place:
+        place.classes("sinew-first")
         _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at"), ("Recorded on", "source")))
         ui.html(
             '<progress id="sinew-progress" max="1" value="0" aria-label="Progress of the plan"></progress>'
@@ -145,9 +157,10 @@ def _happened_card() -> None:
 
 def _curves(site: Site) -> None:
     """Lay out gain and phase, which grow with the run, and how they compare with what was predicted."""
-    with card("Gain: torsion over commanded amplitude", 6):
+    with card("Resonance curve: gain, torsion over commanded amplitude", 6) as place:
         gain = Curves("gain")
-    with card("Phase: lag of the torsion behind the lever", 6):
+    place.classes("sinew-first")
+    with card("Phase: lag of the torsion behind the lever, 90° at resonance", 6):
         phase = Curves("phase")
     with card("Measured against predicted", 12):
         verdict = ui.label(_NOT_YET).props("id=sinew-verdict role=status").classes("text-bold")

@@ -5,6 +5,7 @@ import html
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
@@ -12,10 +13,12 @@ from typing import Any
 from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
-from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.curves import Curve, Curves, begun
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
+from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
-from sinew.plan.toml import MOST_CHARACTERS
+from sinew.plan.plan import Plan
+from sinew.plan.toml import MOST_CHARACTERS, parse_plan
 
 _TYPING_S = 0.4
 _ANSWER_S = 10.0
@@ -24,6 +27,7 @@ _ANEW = "The emulated bench is begun anew with a head that bends, where it is no
 _AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
 _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
+_GROUPS = {"steady": "swing", "ring-down": "decay", "idle": "rest", "tracking": "tracking"}
 
 
 def add_plan_page(site: Site) -> None:
@@ -51,6 +55,7 @@ class _Desk:
         self._drafts: dict[str, str] = {}  # by plan: texts that differ from the shelf's; the browser keeps them, too
         self._replacing: str | None = None  # what the next saving may take the place of
         self._toml: str | None = None  # what was previewed and may start
+        self._suggested = ""  # the run's name, until somebody gives it another
         self._turn = 0
 
     def lay_out(self) -> None:
@@ -66,7 +71,7 @@ class _Desk:
                     ui.html('<span id="sinew-start-why" class="sinew-soft"></span>', sanitize=False, tag="span")
                     self._length = ui.label().props("id=sinew-duration")
                 self._choice = ui.element("div").classes("sinew-fields")
-            with card("What the bench does, and when", 12):
+            with card("What the bench does, and when (min:s)", 12):
                 self._timeline = ui.element("div").classes("sinew-stack sinew-timeline-place")
             with card("Plan", 6):
                 with ui.element("div").props("id=sinew-plan-text").classes("sinew-editor"):
@@ -78,10 +83,11 @@ class _Desk:
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
                     self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
+                    why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
                     self._preview = ui.element("div").classes("sinew-stack")
-                with card("Drive amplitude that can be reached against a held head", 12):
+                with card("How far the drive gets: amplitude of the lever, the head held still", 12):
                     self._reach = Curves("amplitude_drive")
         with ui.dialog().props('aria-label="Delete the plan"') as self._sure, ui.card():
             self._question = ui.label()
@@ -101,7 +107,7 @@ class _Desk:
 
     def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
         rigs = {row["name"]: row["name"] for row in shelves["rigs"]} | {self._rig: self._rig}
-        name = f"run-{datetime.now():%Y%m%d-%H%M%S}"
+        name = self._run_name(self._plan)
         letters: Any = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
         self._plans = ui.select(
             _plans_in_words(shelves), value=self._plan, label="Begin with the plan", on_change=self._change_plan
@@ -110,6 +116,12 @@ class _Desk:
         self._run = ui.input("Name of the run's folder", value=name, validation=letters)
         for made in (self._plans, rig, self._run):
             made.props("outlined dense").classes("w-full")
+
+    def _run_name(self, plan: str) -> str:
+        """Return a name for a run of a plan: what it is, and when."""
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", plan.removesuffix(".toml")).strip("-._") or "run"
+        self._suggested = f"{stem[:40]}-{datetime.now():%Y%m%d-%H%M%S}"
+        return self._suggested
 
     async def _change_plan(self, event: events.ValueChangeEventArguments[Any]) -> None:
         if event.value != self._plan:
@@ -123,6 +135,8 @@ class _Desk:
             ui.notify(str(trouble), type="negative")
             return
         self._plan, self._shelved = name, text
+        if self._run.value == self._suggested:
+            self._run.set_value(self._run_name(name))
         self._name.set_value(name.removesuffix(".toml") if _is_own(name) else f"my {name}")
         was = self._text.value
         self._text.set_value(self._drafts.get(name, text))
@@ -162,7 +176,7 @@ class _Desk:
         """Say what is wrong with the plan, or preview it, once nobody has typed for a moment."""
         self._turn += 1
         turn, toml = self._turn, self._text.value
-        self._offer(None)
+        self._offer(None, "The plan is looked at.")
         await asyncio.sleep(_TYPING_S)
         if self._is_past(turn):
             return
@@ -174,10 +188,13 @@ class _Desk:
         with self._preview:
             if "trouble" in outline or outline["faults"]:
                 self._say_faults(outline)
+                lines = sorted({fault["line"] for fault in outline.get("faults", []) if fault["line"] is not None})
+                self._offer(None, f"The plan is wrong{f' at line {lines[0]}' if lines else ''}: see Preview.")
                 return
             self._draw_timeline(outline["stages"])
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
+        self._offer(None, "The plan is tried on the twin: some seconds.")
         try:
             rig = self._site.rig_text(self._rig)
         except SinewError as trouble:
@@ -186,7 +203,7 @@ class _Desk:
             found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
             self._show(found)
-            self._offer(toml if found.get("ok") else None)
+            self._offer(toml if found.get("ok") else None, "The plan is refused: see Preview.")
 
     def _is_past(self, turn: int) -> bool:
         """Return whether something else was typed since, or the page was left."""
@@ -194,7 +211,8 @@ class _Desk:
 
     async def _tried(self, name: str, *arguments: Any) -> dict[str, Any] | None:
         try:
-            told: dict[str, Any] | None = await self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+            asked = self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+            told: dict[str, Any] | None = await unless_left(asked, ui.context.client.disconnected())
         except SinewError as trouble:
             return {"trouble": str(trouble)}
         return told
@@ -244,13 +262,15 @@ class _Desk:
             minutes = "{} min {} s".format(*divmod(whole, 60)) if whole >= 60 else f"{whole} s"
             longer = found["longest_s"] - found["duration_s"]
             more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
-            self._length.set_text(f"About {minutes}{more} with pull, pretensions and stop; {found['groups']} segments")
+            took = f"About {minutes}{more} on the bench, after some ten seconds on the twin"
+            self._length.set_text(f"{took}; {found['groups']} groups: {_groups_in_words(parse_plan(self._text.value))}")
+            if found["ok"]:
+                rest = ", knowing this:" if found["findings"] else "."
+                ui.label(f"No limit of the rig is broken. You may start{rest}").classes("sinew-good")
             for finding in found["findings"]:
                 word, style = ("Refused", "sinew-bad") if finding["severity"] == "refuse" else ("Mind", "sinew-warn")
                 said = ui.label(f"{word}: {finding['sentence']}").classes(style)
                 said.props("role=alert" if word == "Refused" else "")
-            if found["ok"]:
-                ui.label("No limit of the rig is broken.").classes("sinew-good")
             pose = found.get("pose")
             if pose:
                 bent = f"The head is bent by {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
@@ -276,10 +296,10 @@ class _Desk:
         )
         self._reach.draw([reached] if drive else [])
 
-    def _offer(self, toml: str | None) -> None:
-        """Offer the start of a plan, or take it back."""
+    def _offer(self, toml: str | None, why: str) -> None:
+        """Offer the start of a plan, or take it back and say why."""
         self._toml = toml
-        self._start.props(f"data-ready={'no' if toml is None else 'yes'}")
+        self._start.props(f'data-ready={"no" if toml is None else "yes"} data-why="{why}"')
 
     def _ask_to_start(self) -> None:
         """Have the operator's browser ask the steward: this process steers nothing."""
@@ -340,6 +360,11 @@ def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False
     return made
 
 
+def why_not() -> None:
+    """Leave place for why the buttons beside it are not for this page's viewer; steering.js fills it."""
+    ui.element("span").classes("sinew-why-not sinew-soft")
+
+
 async def steer(command: str, told: dict[str, Any]) -> dict[str, Any]:
     """Return what the steward answers to a command of this browser, which also shows it."""
     try:
@@ -360,8 +385,20 @@ def _is_file_name(name: str | None) -> bool:
 
 
 def _plans_in_words(shelves: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
-    plans = shelves["plans"]
-    return {row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in plans}
+    # The lab's own first, then a first look, then by name.
+    plans = sorted(shelves["plans"], key=lambda row: (row["shipped"], row["name"] != _QUICK_PLAN, row["name"]))
+    words = {}
+    for row in plans:
+        name, about = row["name"].removesuffix(".toml"), [row["about"]] if row["about"] else []
+        told = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
+        words[row["name"]] = f"{name} ({told})" if told else name
+    return words
+
+
+def _groups_in_words(plan: Plan) -> str:
+    """Return how many groups of each kind a plan has."""
+    counts = Counter(group.kind for group in plan.groups())
+    return ", ".join(f"{count} {_GROUPS.get(kind, kind)}{'s' * (count != 1)}" for kind, count in counts.items())
 
 
 def _texts(kept: Any) -> tuple[dict[str, str], str | None]:
@@ -404,6 +441,7 @@ _DOES = {
 }
 _STEPS_S = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 14400, 28800, 86400)
 _TICKS = 8
+_LAST_TICK = 0.93  # of the whole: the time of one farther right would be cut off
 
 
 def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
@@ -412,13 +450,14 @@ def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
 
     def block(one: dict[str, Any], style: str, label: str, told: str) -> str:
         place = f"left:{100 * one['start_s'] / whole:.3f}%;width:{100 * one['duration_s'] / whole:.3f}%"
-        return f'<i class="{style}" style="{place}" title="{html.escape(told)}">{html.escape(label)}</i>'
+        return f'<i class="{style}" style="{place}" title="{html.escape(told)}"><span>{html.escape(label)}</span></i>'
 
     bars = [block(one, f"of-{one['kind']}", _short(one), _told(one)) for one in stages]
     levels = [block(one, "of-level", f"{one['pretension_mm']:g} mm", _told_level(one)) for one in _levels(stages)]
     step = next((step for step in _STEPS_S if whole / step <= _TICKS), _STEPS_S[-1])
     ticks = [
-        f'<span style="left:{100 * at / whole:.3f}%">{_clock(at)}</span>' for at in range(0, math.ceil(whole), step)
+        f'<span style="left:{100 * at / whole:.3f}%">{_clock(at)}</span>'
+        for at in range(0, math.ceil(_LAST_TICK * whole), step)
     ]
     kinds = dict.fromkeys(one["kind"] for one in stages)
     legend = "".join(f'<li><i class="of-{kind}"></i>{_DOES[kind]}</li>' for kind in kinds)
@@ -476,7 +515,7 @@ def _short(one: dict[str, Any]) -> str:
 def _told(one: dict[str, Any]) -> str:
     drive = "" if one["frequency_hz"] is None or one["groups"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
     held = "" if one["pretension_mm"] is None else f", {one['pretension_mm']:g} mm"
-    return f"{_doing(one)}{drive}{held}: {_span(one)}".capitalize()
+    return f"{begun(_doing(one))}{drive}{held}: {_span(one)}"
 
 
 def _told_level(one: dict[str, Any]) -> str:

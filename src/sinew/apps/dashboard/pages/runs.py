@@ -1,7 +1,8 @@
 """The page of past runs: searched, noted, named, put away; opened, laid over one another, compared and downloaded."""
 
 import json
-from collections.abc import Awaitable, Callable
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 from urllib.parse import urlencode
 
@@ -9,13 +10,16 @@ from nicegui import events, ui
 from starlette.requests import Request
 
 from sinew.analysis.run_index import COMMON, QUANTITIES
+from sinew.apps.dashboard.hub import basis_of, numbered
+from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.operators import is_run_name
-from sinew.apps.dashboard.pages.curves import Curve, Curves, options_of
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button
+from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
+from sinew.apps.dashboard.pages.frame import Site, card, clock_time, empty, framed, heading, quantity
+from sinew.apps.dashboard.pages.plan import plain_button, why_not
+from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
-from sinew.measure.units import local_time
+from sinew.plan.toml import parse_rig
 
 _COLUMNS = {
     "name": "run",
@@ -100,16 +104,20 @@ class _List:
             self._said = ui.label("The runs are listed.").props("role=status").classes("sinew-soft")
             self._table = self._made_table()
             with ui.element("div").classes("sinew-row"):
-                button = ui.button("Open what is chosen", on_click=self._open_chosen)
+                button = ui.button("Open, or compare several", on_click=self._open_chosen)
                 button.props("id=sinew-open no-caps unelevated color=primary")
-                ui.button("Put into the bin", on_click=self._bin_chosen).props("id=sinew-bin no-caps outline")
+                plain_button("Put into the bin", "sinew-bin", self._bin_chosen, needs_operator=True)
+                why_not()
+            self._hint = ui.label("Tick one run to open it, or several to compare them; a click on a row opens it too.")
+            self._hint.props("role=status").classes("sinew-soft")
             ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
                 "sinew-soft"
             )
         with ui.element("div").classes("sinew-grid"):
             with card("Over months", 12):
-                names = {one: QUANTITIES[one].called[0] for one in QUANTITIES}
-                self._quantity = ui.radio({one: names[one] for one in COMMON}, value=COMMON[0]).props("inline")
+                names = {one: f"{QUANTITIES[one].words} {QUANTITIES[one].called[0]}" for one in COMMON}
+                self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
+                self._quantity.props("inline")
                 self._quantity.on_value_change(self._draw_trend)
                 self._trend = ui.element("div").classes("w-full").props("data-trend")
             self._bin = ui.element("div").classes("span-12")
@@ -126,6 +134,7 @@ class _List:
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
         table.props("flat dense id=sinew-runs").classes("w-full")
+        table.props(':grid="window.innerWidth < 620"')  # of a phone, whose width cuts a table off
         table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
         table.add_slot(
             "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
@@ -145,18 +154,19 @@ class _List:
             return
         work, runs = self._site.work, str(self._site.runs)
         try:
-            found = await work.call("look_at_runs", runs, self._search, _MOST_ROWS, key=f"runs {id(self)}")
+            async for found in looks(work, runs, self._search, key=f"runs {id(self)}"):
+                if found is None or self._table.is_deleted:  # another search came after this one, or the page was left
+                    return
+                self._said.classes("sinew-soft", remove="sinew-bad")
+                self._said.set_text(_counted(found, bool(self._search)))
+                self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
+                rows = [row for row in self._table.rows if row["name"] in self._opened]
+                others = (row for row in self._table.selected if row["name"] not in self._opened)
+                self._table.selected = [*rows, *others]
         except SinewError as trouble:
             self._said.set_text(str(trouble))
             self._said.classes("sinew-bad", remove="sinew-soft")
             return
-        if found is None:  # another search came after this one
-            return
-        self._said.classes("sinew-soft", remove="sinew-bad")
-        self._said.set_text(_counted(found, bool(self._search)))
-        self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
-        rows = [row for row in self._table.rows if row["name"] in self._opened]
-        self._table.selected = [*rows, *(row for row in self._table.selected if row["name"] not in self._opened)]
         await self._draw_trend()
         names = await work.call("list_bin", runs)
         self._bin.clear()
@@ -166,8 +176,8 @@ class _List:
                 for name in names:
                     with ui.element("div").classes("sinew-row"):
                         ui.label(name)
-                        button = ui.button("Restore", on_click=lambda name=name: self._restore(name))
-                        button.props(f'no-caps outline dense data-restore aria-label="Restore {_attribute(name)}"')
+                        button = plain_button("Restore", "", lambda name=name: self._restore(name), needs_operator=True)
+                        button.props(f'data-restore aria-label="Restore {_attribute(name)}"')
 
     async def _draw_trend(self) -> None:
         try:
@@ -175,7 +185,12 @@ class _List:
         except SinewError as trouble:
             found, said = [], str(trouble)
         else:
-            said = "No run that is found has it. Open a run to have it analysed."
+            said = (
+                f"No run of the list tells the {QUANTITIES[self._quantity.value].words}: either it was not opened yet, "
+                "which has it analysed, or its plan does not determine it."
+            )
+        if self._trend.is_deleted:
+            return
         self._trend.clear()
         with self._trend:
             if not found:
@@ -195,7 +210,7 @@ class _List:
         if names := self._chosen():
             ui.navigate.to(_address(names))
         else:
-            ui.notify("Choose one run, or several to lay over one another.")
+            self._hint.set_text("No run is ticked: tick one to open it, or several to compare them.")
 
     def _open_row(self, event: events.GenericEventArguments) -> None:
         name = event.args[1]["name"]
@@ -208,14 +223,14 @@ class _List:
         ticked = [row["name"] for row in self._table.selected if row["name"] in listed]
         names = [name for name in ticked if is_run_name(name)][:_MOST_OVERLAID]
         if not names:
-            ui.notify("Choose one run, or several to put into the bin.")
+            self._hint.set_text("No run is ticked: tick those to put into the bin.")
             return
         with ui.dialog().props('aria-label="Put runs into the bin"') as sure, ui.card():
-            few = f" the first {len(names)} of {len(ticked)} that are chosen:" if len(names) < len(ticked) else ""
-            ui.label(f"Put into the bin{few} {', '.join(names)}?").props("data-asked")
+            few = f"the first {len(names)} of {len(ticked)} that are chosen, " if len(names) < len(ticked) else ""
+            ui.label(f"Put {few}{', '.join(names)} into the bin? It can be taken out again.").props("data-asked")
             with ui.element("div").classes("sinew-row"):
                 plain_button("Put into the bin", "sinew-bin-sure", lambda: sure.submit(True))
-                plain_button("Keep", "sinew-bin-not", lambda: sure.submit(False))
+                plain_button("Leave it", "sinew-bin-not", lambda: sure.submit(False))
         is_sure = await sure
         sure.delete()
         if not is_sure:
@@ -236,6 +251,20 @@ def _attribute(text: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "._-" else " " for letter in text)
 
 
+async def looks(work: Work, runs: str, query: str, key: str) -> AsyncIterator[dict[str, Any] | None]:
+    """Yield what `look_at_runs` says, again and again until every folder is read; None where another look came after.
+
+    Between two looks others that ask the worker have their turn.
+    """
+    left = math.inf
+    while True:
+        found = await work.call("look_at_runs", runs, query, _MOST_ROWS, key=key)
+        yield found
+        if found is None or not 0 < found["left"] < left:
+            return
+        left = found["left"]
+
+
 def _counted(found: dict[str, Any], is_search: bool) -> str:
     """Return how many runs are listed."""
     count, listed = found["count"], len(found["runs"])
@@ -243,13 +272,13 @@ def _counted(found: dict[str, Any], is_search: bool) -> str:
         return "There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks."
     said = f"{count} {'run' if count == 1 else 'runs'}{' found' if is_search else ''}"
     said += f", the newest {listed} are listed" if listed < count else ""
-    return f"{said}; {found['left']} folders are not read yet, search again" if found["left"] else said
+    return f"{said}; {found['left']} folders are not read yet" if found["left"] else said
 
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "" if run.get("groups") is None else f" ({run['groups_done']:.0f} of {run['groups']:.0f})"
     row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
-    row |= {"started": local_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
+    row |= {"started": clock_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
     row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
     said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
@@ -313,7 +342,8 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
         _doubts(found)
-        _curves(found)
+        charts = _curves(found)
+        verdict = ui.element("div").classes("span-12")
         _compared(names[0], compared)
         _numbers(found)
         for name, results in found:
@@ -323,6 +353,29 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
                 _about(about[name], changed)
         for name, _ in found:
             _downloads(name)
+    if len(found) == 1 and found[0][1].get("curves"):
+        await _foretell(site, *found[0], charts, verdict)
+
+
+async def _foretell(
+    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], place: ui.element
+) -> None:
+    """Draw what was to be expected of a run behind what it measured, and say what misses it."""
+    try:
+        found = await site.work.call("prediction_of_run", str(site.runs / name))
+    except SinewError:
+        return  # a recording from elsewhere: nobody knows its rig and plan
+    if place.is_deleted or not found["curves"]:
+        return
+    predicted = numbered(found["curves"], found["plan"])
+    measured = judged(predicted, numbered(results["curves"], found["plan"]))
+    for chart in charts.values():
+        chart.show(predicted, measured)
+    with place, card("Measured against predicted", 12):
+        ui.label(tally(measured)).classes("text-bold").props("data-verdict")
+        for sentence in misses(measured):
+            ui.label(sentence)
+        ui.label(basis_of(parse_rig(found["rig"]))).classes("sinew-soft")
 
 
 def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
@@ -342,23 +395,27 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
             ui.navigate.to("/runs")
 
     with card(f"About {name}", 6):
-        ui.label(f"{run['sentence']} Begun {local_time(run['started'])}.").props("data-reason")
+        ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
             to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
-            button = ui.button("Rename", on_click=rename)
-            button.props("no-caps outline data-rename")
+            plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
         notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
         notes.classes("w-full")
         tags = ui.input("Tags, with spaces between", value=" ".join(run["tags"])).props("outlined dense data-tags")
         tags.classes("w-full")
         with ui.element("div").classes("sinew-row"):
-            ui.button("Keep notes and tags", on_click=note).props("no-caps outline data-keep")
-            ui.button("Put into the bin", on_click=put_away).props("no-caps outline data-bin")
+            plain_button("Keep notes and tags", "", note, needs_operator=True).props("data-keep")
+            plain_button("Put into the bin", "", put_away, needs_operator=True).props("data-bin")
+            why_not()
 
 
 def _compared(first: str, compared: dict[str, Any]) -> None:
     """Show in what runs differ from the first one that is open, and whether that is more than their uncertainty."""
     if not compared["rows"]:
+        if compared["sentences"]:
+            with card(f"Against {first}", 12):
+                for sentence in compared["sentences"]:
+                    ui.label(sentence)
         return
     rows = []
     for row in compared["rows"]:
@@ -393,7 +450,8 @@ def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
                     ui.label(sentence).classes("sinew-bad")
 
 
-def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
+def _curves(found: list[tuple[str, dict[str, Any]]]) -> dict[str, Curves]:
+    """Draw what runs measured, and return the charts of gain and phase where there are such."""
     several = len(found) > 1
     lines: dict[str, list[Curve]] = {"gain": [], "phase": []}
     damping: list[Curve] = []
@@ -412,22 +470,33 @@ def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
             values = [row["damping_ratio"] for row in rows]
             named, at = before.rstrip(", ") or "ring-downs", [row["pretension_mm"] for row in rows]
             damping.append(Curve.of_estimates(named, at, values, len(damping)))
-    for what, title in (("gain", "Gain"), ("phase", "Phase")):
+    charts = {}
+    for what, title in (("gain", "Resonance curve: gain"), ("phase", "Phase: lag of the torsion")):
         with card(title, 6):
             if lines[what]:
-                Curves(what).draw(lines[what])
+                charts[what] = Curves(what)
+                charts[what].draw(lines[what])
             else:
                 empty("No frequency was recorded whole.")
     if damping:
         with card("Damping", 6):
             Curves("damping", "pretension / mm").draw(damping)
+    return charts
 
 
 def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
     rows = [{"run": name, **row} for name, results in found for row in results.get("parameters", [])]
-    if not rows:
+    notes = [
+        f"{name}: {note}" if len(found) > 1 else begun(note)
+        for name, results in found
+        for text in results.get("notes", [])
+        for note in text.splitlines()
+    ]
+    if not rows and not notes:
         return
     with card("What was found", 12):
+        for note in dict.fromkeys(notes):
+            ui.label(note).classes("sinew-soft").props("data-note")
         shown = [
             {
                 "key": f"{row['run']} {row['pretension_mm']} {row['name']}",

@@ -34,7 +34,7 @@ def add_samples_page(app: FastAPI, site: Site) -> None:
             if not known:
                 empty("No run has that name.")
                 return
-            with card("Oscilloscope", 12):
+            with ui.element("div").classes("sinew-grid"), card("Oscilloscope", 12):
                 lay_out_scope(is_live=False)
         script("sinew-samples", {"name": name})
         ui.add_body_html(f'<script type="module" src="/sinew/samples.js?{site.version}"></script>')

@@ -1,6 +1,8 @@
 // Alarms and what happened. An alarm begins where a reading exceeds its limit, and stays until somebody has seen it:
 // raised -> (within again) -> acknowledged. It is an alert, a sound and a message of the browser.
 
+import { keep, kept } from "./scope.js";
+
 export const READINGS = [
   { key: "temperature", label: "Temperature", unit: "°C", digits: 0 },
   { key: "tension", label: "Tension", unit: "N", digits: 0 },
@@ -52,8 +54,6 @@ const put = (id, text) => { const place = $(id); if (place && place.textContent 
 const shown = (value, { digits, unit }) => `${value.toFixed(digits)} ${unit}`.replace(" °C", "\u00a0°C").replace(" °", "°");
 const clock = (seconds) => window.Sinew.clock(seconds);
 const timeOf = (ms) => new Date(ms).toLocaleTimeString([], { hour12: false });
-function kept(name, otherwise) { try { return JSON.parse(localStorage.getItem(name)) ?? otherwise; } catch { return otherwise; } }
-function keep(name, value) { try { localStorage.setItem(name, JSON.stringify(value)); } catch { /* storage is off */ } }
 
 let alarms = kept("sinew-alarms", {}), past = kept("sinew-alarms-past", []), isLoud = kept("sinew-alarm-sound", true);
 let mayNotify = kept("sinew-alarm-notify", true), rig = null, limits = {}, audio = null, events = [], run = "", printed = "";

@@ -15,14 +15,15 @@ function mixed(THREE, share) {
   return share < 0.5 ? low.lerp(mid, 2 * share) : mid.lerp(high, 2 * share - 1);
 }
 
-const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PERIODS = 2, LABEL_MS = 200, EVERY_MS = 40, TURN = Math.PI / 18, MOST = 0.9 * Math.PI;
+const KEYS = ["torsion", "drive", "pitch", "roll", "shortening"], SLOW = 10, PERIODS = 2, LABEL_MS = 200, EVERY_MS = 60, TURN = Math.PI / 18, MOST = 0.9 * Math.PI;
 
 // The joint in its card: turned by mouse, touch and keys, its deformation drawn larger than it is, tensions as numbers,
 // and its last periods slowly.
 export class JointView {
-  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly.
-  constructor(component, traces) {
-    Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, mean: { pitch: 0, roll: 0 } });
+  // component: NiceGUI's scene. traces: of the stream, whose newest seconds are shown slowly. eye: where it is seen from
+  // at first, which the scene itself may not know yet.
+  constructor(component, traces, eye) {
+    Object.assign(this, { component, traces, factor: 1, isFresh: true, slow: null, every: EVERY_MS, drawn: 0, isSeen: true, mean: { pitch: 0, roll: 0 } });
     this.box = document.getElementById("sinew-joint");
     const slider = document.getElementById("sinew-exaggeration"), slowly = document.getElementById("sinew-slow");
     slider.addEventListener("input", () => {
@@ -36,16 +37,21 @@ export class JointView {
       slowly.setAttribute("aria-pressed", String(this.slow !== null));
     });
     this.box.addEventListener("keydown", (event) => this.key(event));
+    // The wheel scrolls the page, unless the joint has the focus or Ctrl is held, as it does over the oscilloscope.
+    this.box.addEventListener("wheel", (event) => { if (!event.ctrlKey && !this.box.contains(document.activeElement)) event.stopPropagation(); }, true);
+    document.getElementById("sinew-joint-home").addEventListener("click", () => this.home());
     this.fov = component.camera.fov;
     new ResizeObserver(() => this.fit()).observe(this.box);
+    new IntersectionObserver(([one]) => { this.isSeen = one.isIntersecting; }).observe(this.box);
     this.fit();
-    this.start = component.camera.position.clone();
+    this.start = component.camera.position.clone().set(...eye);
     this.drawWhenNew();
   }
 
   // Fills the card; a narrow one sees as much across as a square one.
   fit() {
-    const { camera } = this.component, aspect = this.box.clientWidth / Math.max(1, this.box.clientHeight), half = Math.tan(this.fov * Math.PI / 360);
+    const { camera } = this.component, { clientWidth: width, clientHeight: height } = this.box, aspect = width / Math.max(1, height), half = Math.tan(this.fov * Math.PI / 360);
+    Object.assign(this, { width, height });
     camera.fov = aspect < 1 ? 360 / Math.PI * Math.atan(half / aspect) : this.fov;
     this.component.resize();
     this.isFresh = true;
@@ -63,19 +69,28 @@ export class JointView {
     this.isFresh = true;
   }
 
-  // What NiceGUI draws 25 times a second is drawn only where joint or camera moved: a fan that stays quiet.
+  // NiceGUI draws out of step with the oscilloscope, so that each of its pictures is one more of the page's; `paint`
+  // draws instead, in every second one.
   drawWhenNew() {
-    const { renderer, camera } = this.component, draw = renderer.render.bind(renderer), seen = camera.matrixWorld.clone();
-    renderer.render = (scene, by) => {
-      camera.updateMatrixWorld();
-      const now = performance.now();
-      if (now - this.drawn < this.every - 5 || !this.isFresh && seen.equals(camera.matrixWorld)) return;
-      seen.copy(camera.matrixWorld);
-      this.drawn = now;
-      this.isFresh = false;
-      draw(scene, by);
-      this.place();
-    };
+    const { renderer, camera, scene } = this.component, draw = renderer.render.bind(renderer);
+    this.seen = camera.matrixWorld.clone();
+    this.drawScene = () => draw(scene, camera);
+    renderer.render = () => {};
+  }
+
+  // Draws the joint where it or the camera moved, and is seen. withScope: whether the oscilloscope is drawn, too; only
+  // who turns the joint need not wait for that.
+  paint(at, withScope) {
+    if (!this.isSeen || at - this.drawn < this.every - 5) return;
+    const { camera } = this.component;
+    camera.updateMatrixWorld();
+    const isTurned = !this.seen.equals(camera.matrixWorld);
+    if (!isTurned && !(this.isFresh && withScope)) return;
+    this.seen.copy(camera.matrixWorld);
+    this.drawn = at;
+    this.isFresh = false;
+    this.drawScene();
+    this.place();
   }
 
   key(event) {
@@ -84,13 +99,20 @@ export class JointView {
     const { camera, controls } = this.component;
     if (event.ctrlKey || event.altKey || event.metaKey || !(event.key in turns || event.key === "Home")) return;
     event.preventDefault();
-    if (event.key === "Home") camera.position.copy(this.start);
+    if (event.key === "Home") this.home();
     else {
       const [around, up, nearer] = turns[event.key], from = camera.position.clone().sub(controls.target);
       const long = from.length() * nearer, azimuth = Math.atan2(from.y, from.x) + around;
       const polar = Math.min(Math.PI - 0.05, Math.max(0.05, Math.acos(from.z / from.length()) + up));
       camera.position.set(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar)).multiplyScalar(long).add(controls.target);
     }
+    camera.lookAt(controls.target);
+  }
+
+  // It is seen from where it was at first.
+  home() {
+    const { camera, controls } = this.component;
+    camera.position.copy(this.start);
     camera.lookAt(controls.target);
   }
 
@@ -130,7 +152,7 @@ export class JointView {
   // Puts each tension beside its tendon.
   place() {
     if (!this.tensions || !this.joint) return;
-    const { camera } = this.component, { clientWidth: width, clientHeight: height } = this.box, now = performance.now();
+    const { camera } = this.component, { width, height } = this, now = performance.now();
     const isDue = now - (this.said ?? -LABEL_MS) >= LABEL_MS;
     if (isDue) this.said = now;
     this.joint.tendons.forEach((tendon, i) => {

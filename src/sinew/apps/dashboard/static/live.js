@@ -1,11 +1,11 @@
-// The live page: frames from the web socket, drawn 30 times a second where something is new, and grey with their age when they are old.
+// The live page: frames from the web socket, each drawn once, some 30 a second, and grey with their age when they are old.
 
 import { Lissajous, Traces } from "./scope.js";
 import { Oscilloscope, calm } from "./oscilloscope.js";
 import { JointView } from "./joint.js";
 import * as alarms from "./alarms.js";
 
-const FRAME_MS = () => calm.matches ? 500 : 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
+const FRAME_MS = () => calm.matches ? 500 : 1000 / 34, RETRY_MS = 1500, FRESH_S = 2;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
 const $ = (id) => document.getElementById(id);
 const traces = new Traces();
@@ -26,7 +26,7 @@ async function begin() {
   draw(0);
   for (let i = 0; i < 200 && !window.getElement?.(given.scene)?.renderer; i++) await new Promise((go) => setTimeout(go, 50));
   const scene = window.getElement?.(given.scene);
-  if (scene?.renderer) { joint = new JointView(scene, traces); await joint.show(rig); }
+  if (scene?.renderer) { joint = new JointView(scene, traces, given.eye); await joint.show(rig); }
 }
 
 // A run may be of another rig than the one that is offered first.
@@ -64,13 +64,14 @@ function take(frame) {
   document.body.dataset.samples = traces.count;
 }
 
+// A frame that comes late is drawn when it comes, and the next one at its time: none is left out to keep in step.
 function draw(at) {
   requestAnimationFrame(draw);
-  if (at - (draw.last ?? -1000) < FRAME_MS() - 2) return;
-  draw.last = at;
-  if (scope.render()) drawn++;
-  if (draw.joint !== traces.count) { draw.joint = traces.count; lissajous.render(); }
-  joint?.move(now, at);
+  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && draw.count !== traces.count;
+  if (isDrawn) drawn++;
+  if (isNews) { draw.count = traces.count; lissajous.render(); }
+  if (isDrawn || isNews || late > FRAME_MS()) { joint?.move(now, at); draw.due = Math.max(at, (draw.due ?? 0) + FRAME_MS()); }
+  joint?.paint(at, isDue);
   if (at - drawnSince > 1000) {
     const rate = 1000 * drawn / (at - drawnSince);
     document.body.dataset.fps = rate.toFixed(1);
@@ -80,7 +81,7 @@ function draw(at) {
   }
 }
 
-const fixed = (value, digits, unit) => value === null || value === undefined || Number.isNaN(value) ? "–" : `${value.toFixed(digits)}${unit}`;
+const fixed = (value, digits, unit) => value === null || value === undefined || Number.isNaN(value) ? "–" : `${value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")}${unit}`;
 
 function numbers() {
   traces.traces.forEach((trace, i) => {
@@ -126,21 +127,26 @@ function describe() {
   notice("steward", state.steward === null ? "bad" : null, { title: "The steward does not answer", lines: ["What is shown may be old."] });
   notice("doubts", live?.doubts?.length ? "warn" : null, { title: "The measurement contradicts itself", lines: live?.doubts ?? [] });
   scope.name(live?.name);
-  put("sinew-source", !live ? "–" : live.source ?? (state.steward?.bench?.kind === "emulator" ? "the emulated bench, not a real joint" : "the bench"));
+  const source = live?.source ?? (state.steward?.bench?.kind === "emulator" ? "emulator" : "the bench");
+  put("sinew-source", !live ? "–" : source === "emulator" ? "the emulated bench, not a real joint" : source);
   const begins = run && run.name !== live?.name;
   $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);
   if (begins) put("sinew-nothing-yet", `What ${run.name} measures appears here as it comes.`);
-  put("sinew-run", live ? live.name : "–");
-  put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "finishing" ? "the recording is written" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
+  $("sinew-steps")?.toggleAttribute("hidden", Boolean(begins));
+  put("sinew-run", begins ? run.name : live ? live.name : "–");
+  put("sinew-doing", begins ? "its plan is tried on the twin" : !live ? "–" : !run ? "ended" : run.state === "finishing" ? "the recording is written" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
     : segment?.state === "running" ? DOING[segment.kind] ?? segment.kind : "between segments");
-  put("sinew-at", !segment ? "–" : [fixed(segment.pretension_mm, 1, " mm"), segment.frequency_hz === null ? null : fixed(segment.frequency_hz, 2, " Hz"),
+  put("sinew-at", !segment || begins ? "–" : [fixed(segment.pretension_mm, 1, " mm"), segment.frequency_hz === null ? null : fixed(segment.frequency_hz, 2, " Hz"),
     segment.amplitude_deg === null ? null : fixed(segment.amplitude_deg, 1, "°"), rig.pose].filter(Boolean).join(", "));
   const bar = $("sinew-progress");
-  if (bar && live) {
+  if (bar && begins) {
+    bar.value = 0;
+    put("sinew-progress-text", `for ${clock(state.steward.time_s - run.started)} so far; nothing moves yet`);
+  } else if (bar && live) {
     const bySeconds = run && health.total_s; // what was begun and not ended is not recorded
     bar.max = Math.max(1, bySeconds ? health.total_s : live.groups); bar.value = bySeconds ? health.done_s : live.groups_done;
-    put("sinew-progress-text", `${live.groups_done} of ${live.groups} segments`
-      + (run && health.total_s ? `, about ${clock(health.total_s - health.done_s)} left` : ""));
+    put("sinew-progress-text", `${live.groups_done} of ${live.groups} groups`
+      + (run && health.total_s ? `, about ${clock(health.total_s - health.done_s)} of swinging left` : ""));
   }
   put("sinew-tilt", fixed(now[traces.traces.findIndex((t) => t.key === "tilt")], 2, "°"));
   put("sinew-tension", tensions.length ? tensions.map((t) => fixed(t, 0, "")).join(" / ") + " N" : "–");

@@ -3,12 +3,19 @@
 // It follows the newest samples, which the stream brings, or stands still anywhere between the run's first sample and
 // its newest, which come in pieces from the server: as many bins as the screen has columns, whatever is looked at.
 
-import { Bins, Scope, Traces } from "./scope.js";
+import { Bins, Scope, Traces, keep, kept } from "./scope.js";
 
-const PIECES = 64, AT_ONCE = 2, AGAIN_MS = 1000, SHORTEST_S = 0.02, PRE = 0.1, TABLE_MS = 300, SPECTRUM_MS = 1000;
+const PIECES = 64, AT_ONCE = 2, AGAIN_MS = 1000, SHORTEST_S = 0.02, PRE = 0.1, TABLE_MS = 300, SPECTRUM_MS = 1000, KEPT = "sinew-scope";
 const $ = (id) => document.getElementById(id);
 export const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const fixed = (value, digits) => value === undefined || value === null || !Number.isFinite(value) ? "–" : value.toFixed(digits);
+
+// What the server answers; it throws what it says is wrong, in words also where the server has none.
+async function read(path) {
+  const answer = await fetch(path), said = await answer.json().catch(() => ({ sentence: "it could not be read just now" }));
+  if (!answer.ok) throw new Error(said.sentence);
+  return said;
+}
 
 // Pieces of a run, those that were looked at last. news: is called when one has come.
 export class Pieces {
@@ -20,10 +27,8 @@ export class Pieces {
   // What there is of the run; asked again while it is under way.
   async reach() {
     try {
-      const answer = await fetch(`/samples/${this.name}/about`);
-      const said = await answer.json();
-      if (!answer.ok) throw new Error(said.sentence);
-      this.about = said; this.trouble = "";
+      this.about = await read(`/samples/${this.name}/about`);
+      this.trouble = "";
     } catch (error) { this.trouble = String(error.message); }
     this.news();
     return this.about;
@@ -59,9 +64,7 @@ export class Pieces {
     this.underWay.add(key);
     const [level, number] = key.split("/").map(Number);
     try {
-      const answer = await fetch(`/samples/${this.name}/piece?level=${level}&number=${number}`);
-      const said = await answer.json();
-      if (!answer.ok) throw new Error(said.sentence);
+      const said = await read(`/samples/${this.name}/piece?level=${level}&number=${number}`);
       const rows = (table) => table.map((row) => Float32Array.from(row, (v) => v ?? NaN));
       const low = rows(said.low), isOpen = this.about.is_running && (number + 1) * this.long(level) > said.until_s;
       this.kept.set(key, { time: Float64Array.from(said.time), low, high: said.high ? rows(said.high) : low, share: said.share, isOpen, came: performance.now() });
@@ -160,7 +163,30 @@ export class Oscilloscope {
     Object.assign(this, { traces, told, base: 5, follows: traces !== null, isTriggered: false, at: null, cursors: null, pieces: null,
       shown: { start: 0, end: 5 }, isFresh: true, maths: { gain: false, operation: "", x: "torsion", y: "drive" }, mark: null, spectrum: null });
     this.pointers = new Map();
+    this.recall();
     this.listen();
+  }
+
+  // What was chosen on a page before; of what it cannot be, nothing.
+  recall() {
+    const { base, isTriggered, isRead, isSpectrum, maths, lines } = kept(KEPT, {}), button = (id) => $(id)?.setAttribute("aria-pressed", "true");
+    const radio = [...document.querySelectorAll("#sinew-base input")].find((one) => Number(one.value) === base);
+    if (radio) { radio.checked = true; this.base = base; this.shown.end = base; }
+    if (isTriggered && this.traces) { this.isTriggered = true; button("sinew-trigger"); }
+    if (isRead) { this.cursors = [1 / 3, 2 / 3]; button("sinew-cursors"); this.place(); }
+    if (isSpectrum) { this.spectrum = { due: 0 }; button("sinew-spectrum"); $("sinew-spectrum-box").hidden = false; }
+    const operations = [...$("sinew-operation").options].map((one) => one.value);
+    if (maths && operations.includes(maths.operation)) {
+      this.maths = { gain: maths.gain === true, operation: maths.operation, x: String(maths.x), y: String(maths.y) };
+      $("sinew-gain").checked = this.maths.gain; $("sinew-operation").value = this.maths.operation;
+    }
+    this.lines = lines && typeof lines === "object" ? lines : {}; // by key, whether it is shown, where somebody said so
+  }
+
+  remember() {
+    const base = Number(document.querySelector("#sinew-base input:checked")?.value);
+    const isTriggered = this.traces ? this.isTriggered : kept(KEPT, {}).isTriggered; // a run that has ended has no trigger
+    keep(KEPT, { base, isTriggered, isRead: this.cursors !== null, isSpectrum: this.spectrum !== null, maths: this.maths, lines: this.lines });
   }
 
   // A rig begins: its lines, its legend, its choices. known: keys of those that have numbers.
@@ -168,9 +194,8 @@ export class Oscilloscope {
     const keys = rig.traces.map((trace) => trace.key);
     this.rig = rig; this.units = new Map(rig.traces.map((trace) => [trace.key, trace.unit]));
     this.panels = panelsOf(rig).map((panel) => ({ ...panel, lines: panel.lines.filter((line) => known.includes(line.key) || MATHS.some((one) => one.key === line.key)) }));
-    const before = this.scope?.hidden;
     this.scope = new Scope($("sinew-scope"), this.panels);
-    if (before) this.scope.hidden = before;
+    for (const [key, is] of Object.entries(this.lines)) this.scope.hidden[is ? "delete" : "add"](key);
     this.rows = keys.length;
     this.bins = new Bins([...keys, ...MATHS.map((one) => one.key)]);
     this.name(name);
@@ -198,7 +223,7 @@ export class Oscilloscope {
       if (MATHS.some((one) => one.key === line.key)) continue;
       const box = document.createElement("input");
       box.type = "checkbox"; box.checked = !this.scope.hidden.has(line.key);
-      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.isFresh = true; });
+      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.lines[line.key] = box.checked; this.remember(); this.isFresh = true; });
       const value = document.createElement("span"), label = document.createElement("label");
       value.id = `sinew-now-${line.key}`;
       label.append(box, swatch(line), this.label(line.key), value);
@@ -216,7 +241,7 @@ export class Oscilloscope {
   }
 
   listen() {
-    const canvas = $("sinew-scope"), on = (id, what, then) => $(id)?.addEventListener(what, then);
+    const canvas = $("sinew-scope"), on = (id, what, then) => $(id)?.addEventListener(what, (event) => { then(event); this.remember(); });
     on("sinew-base", "change", (event) => { const end = this.shown.end; this.base = Number(event.target.value); this.follows ? this.told() : this.go(end - this.base, end); this.isFresh = true; });
     on("sinew-freeze", "click", () => this.follows ? this.stand() : this.live());
     on("sinew-live", "click", () => this.live());
@@ -243,7 +268,7 @@ export class Oscilloscope {
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => this.point(event));
     canvas.addEventListener("dblclick", () => this.traces ? this.live() : this.go(0, this.end));
     for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.isFresh = true; });
-    addEventListener("resize", () => { this.isFresh = true; });
+    new ResizeObserver(() => { this.isFresh = true; }).observe(canvas);
     new MutationObserver(() => setTimeout(() => { this.isFresh = true; }, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
   }
 

@@ -13,7 +13,9 @@ async function begin() {
   if (!said) { $("sinew-where").textContent = `The samples cannot be read: ${scope.pieces.trouble}`; return; }
   scope.begin(said.rig, given.name, said.known);
   for (const { label, from_s } of said.segments) $("sinew-segment").append(new Option(`${from_s.toFixed(1)} s: ${label}`, String(from_s)));
-  scope.go(0, Math.min(10, Math.max(said.end_s, 0.1)));
+  // It begins with what swings first; a run that does not swing, with its first seconds.
+  const first = said.segments.find(({ label }) => /^(steady|free decay|tracking)/.test(label))?.from_s ?? 0;
+  scope.go(first, first + Math.min(5, Math.max(said.end_s - first, 0.1)));
   document.body.dataset.samples = "shown";
   window.SinewScope = scope;
   let last = -1000;

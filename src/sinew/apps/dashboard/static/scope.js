@@ -9,6 +9,10 @@ export function css(name) {
   return colours.get(name);
 }
 
+// What this browser remembers from page to page.
+export function kept(name, otherwise) { try { return JSON.parse(localStorage.getItem(name)) ?? otherwise; } catch { return otherwise; } }
+export function keep(name, value) { try { localStorage.setItem(name, JSON.stringify(value)); } catch { /* storage is off */ } }
+
 // Bins of one run, in typed arrays that are made once.
 export class Traces {
   constructor() { this.reset([]); }
@@ -49,8 +53,17 @@ export class Traces {
   }
 }
 
+// Widths of canvases as they were laid out last: to ask the page for one lays it out anew, and costs as much as all lines.
+const widths = new WeakMap();
+const laidOut = new ResizeObserver((all) => { for (const { target } of all) widths.set(target, target.clientWidth); });
+
+function widthOf(canvas) {
+  if (!widths.has(canvas)) { widths.set(canvas, canvas.clientWidth); laidOut.observe(canvas); }
+  return widths.get(canvas) || 300;
+}
+
 export function sized(canvas, height) {
-  const ratio = Math.min(2, devicePixelRatio || 1), width = canvas.clientWidth || 300;
+  const ratio = Math.min(2, devicePixelRatio || 1), width = widthOf(canvas);
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
     canvas.style.height = `${height}px`;
@@ -94,7 +107,7 @@ class Range {
   }
 }
 
-const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5;
+const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5, FLAT = 0.7;
 
 // What is seen of a run at once: least and largest value of each trace in bins that follow one another. Rows beyond
 // those of the run are computed here.
@@ -159,7 +172,7 @@ export class Scope {
     this.hidden = new Set(panels.flatMap((panel) => panel.lines).filter((line) => line.hidden).map((line) => line.key));
   }
 
-  get width() { return (this.canvas.clientWidth || 300) - LEFT - RIGHT; }
+  get width() { return widthOf(this.canvas) - LEFT - RIGHT; }
   get pixels() { return Math.max(50, Math.round(this.width)); }
   x(time) { return LEFT + (time - this.start) / (this.end - this.start) * this.width; }
   time(x) { return this.start + (x - LEFT) / this.width * (this.end - this.start); }
@@ -237,14 +250,17 @@ export class Scope {
       const lows = bins.low[bins.row(key)], highs = bins.high[bins.row(key)];
       const path = new Path2D();
       draw.strokeStyle = css(colour); draw.setLineDash(dash ?? []);
-      let open = false, before = -Infinity;
+      let open = false, before = -Infinity, up = 0;
       for (let k = first; k < last; k++) {
         const a = lows[k], b = highs[k], time = bins.time[k];
         if (Number.isNaN(a) || Number.isNaN(b)) { open = false; continue; }
-        const at = LEFT + (time - this.start) * across;
-        if (open && time - before < hole) path.lineTo(at, y(a)); else path.moveTo(at, y(a));
-        if (b !== a) path.lineTo(at, y(b));
-        open = true; before = time;
+        const at = LEFT + (time - this.start) * across, joins = open && time - before < hole;
+        let near = y(a), far = y(b);
+        if (near - far < FLAT) near = far = (near + far) / 2;
+        else if (joins && Math.abs(far - up) < Math.abs(near - up)) [near, far] = [far, near]; // no way back
+        if (joins) path.lineTo(at, near); else path.moveTo(at, near);
+        if (far !== near) path.lineTo(at, far);
+        open = true; before = time; up = far;
       }
       stroke(draw, path, wide ?? 1.6);
     }

@@ -98,7 +98,7 @@ async function emergency() {
   const answer = await command("emergency");
   const took = Math.round(performance.now() - began);
   if (answer.ok) document.body.dataset.emergencyMs = took;
-  told(answer.ok ? "done" : "failed", answer.ok ? "STOPPED" : "NOT CONFIRMED", answer.ok ? `after ${took} ms` : "switch the supply off");
+  told(answer.ok ? "done" : "failed", answer.ok ? "STOPPED" : "NOT CONFIRMED", answer.ok ? `confirmed here in ${took} ms` : "switch the supply off");
   const mine = stopped;
   setTimeout(() => { if (stopped === mine) { stopped = null; delete button.dataset.stop; label(); } }, answer.ok ? 4000 : 20000);
 }
@@ -112,7 +112,9 @@ function label() {
 
 const put = (place, text) => { if (place && place.textContent !== text) place.textContent = text; };
 
+// What went well takes away the refusals that stand yet.
 function say(sentence, how = "") {
+  if (how === "good") for (const line of voice.querySelectorAll(".bad")) line.remove();
   const line = element("div", { class: `sinew-said ${how}` }, sentence);
   voice.append(line);
   while (voice.children.length > 3) voice.firstChild.remove();
@@ -192,7 +194,7 @@ function clock(seconds) {
   return s >= 86400 ? `${Math.floor(s / 86400)} d ${Math.floor(s % 86400 / 3600)} h`
     : s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
 }
-const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false, timeZoneName: "short" });
+const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false });
 const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
 
 const DOING = { starting: "begins", found: "running", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
@@ -202,7 +204,7 @@ const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !==
 function mayStart() {
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
   if (!status.signed_in) return "Sign in and take control to start.";
-  if (!status.operator?.mine) return status.operator ? "Somebody else is in control: take over to start." : "Take control to start.";
+  if (status.operator && !status.operator.mine) return "Another page is in control: take over to start.";
   if (status.run) return `The run ${status.run.name} is under way.`;
   if (status.stopping) return "The bench is being brought to rest.";
   return "";
@@ -215,30 +217,34 @@ function show() {
   if (reachable === false) { text = "Steering does not answer"; how = "bad"; }
   else if (status === null) text = "Connecting";
   else if (run) {
-    text = `${run.name}: ${DOING[state] ?? state ?? "running"}`;
-    how = state === "silent" ? "bad" : ["paused", "pausing"].includes(state) ? "warn" : "good";
+    text = `${DOING[state] ?? state ?? "running"}: ${run.name}`; // the name may be cut off, what it does is not
+    how = state === "silent" ? "bad" : ["paused", "pausing", "stopping"].includes(state) ? "warn" : "good";
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
-  else if (last && isEarly(last)) { text = `${last.name} ended early`; how = "bad"; }
+  else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
   const chip = $("sinew-state");
   put(chip, bench && reachable !== false && status ? `${bench === "emulator" ? "Emulated bench" : "Bench"} · ${text}` : text);
   chip.className = `sinew-chip ${how}`; chip.title = chip.textContent;
   const operator = status?.operator;
-  put($("sinew-who"), !operator ? "Nobody is in control" : mine ? "You are in control" : "Somebody else is in control");
-  put($("sinew-take"), mine ? "Hand over" : operator ? "Take over" : "Take control");
+  const who = $("sinew-who");
+  put(who, status !== null && !status.signed_in ? "You only watch: sign in to steer" : !operator ? "Nobody is in control" : mine ? "You are in control"
+    : `Another page is in control since ${at(operator.since)}`);
+  who.title = operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
+  put($("sinew-take"), mine ? "Give control up" : operator ? "Take over" : "Take control");
   $("sinew-take").disabled = reachable === false || status === null;
   const may = mine && Boolean(run);
   $("sinew-pause").disabled = !may || !["running", "found"].includes(state);
   $("sinew-resume").disabled = !may || !["paused", "pausing"].includes(state);
   $("sinew-stop").disabled = !may || state === "finishing";
-  for (const name of ["hold", "release"]) $(`sinew-${name}`).disabled = !mine || !bench || state === "finishing";
+  $("sinew-hold").disabled = !may || state === "finishing"; // at rest there is nothing to hold
+  $("sinew-release").disabled = !mine || !bench || state === "finishing";
   label();
   gate();
   tell(run, state, last, mine);
 }
 
-const mayKeep = () => !status?.signed_in ? "Sign in and take control to save." : !status.operator?.mine ? "Take control to save." : "";
+const mayKeep = () => !status?.signed_in ? "Sign in and take control first." : !status.operator?.mine ? "Take control first." : "";
 
 // The buttons that start a run, save and delete are the page's; whether this tab may is known here.
 function gate() {
@@ -247,11 +253,20 @@ function gate() {
     button.disabled = button.dataset.operator !== "ready" || Boolean(why);
     button.title = why;
   }
+  for (const place of document.querySelectorAll(".sinew-why-not")) put(place, mayKeep());
   const start = $("sinew-start");
   if (!start) return;
   const why = mayStart();
   start.disabled = start.dataset.ready !== "yes" || Boolean(why);
-  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : "The plan is not ready yet."));
+  put(start.querySelector("span"), status?.signed_in && !status.operator ? "Take control and start" : "Start");
+  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : start.dataset.why || "The plan is looked at."));
+}
+
+let seenStop = null; // the emergency stop whose notice was closed in this tab
+try { seenStop = JSON.parse(sessionStorage.getItem("sinew-seen-stop")); } catch { /* nothing was kept */ }
+function seeStop(when) {
+  seenStop = when;
+  try { sessionStorage.setItem("sinew-seen-stop", JSON.stringify(when)); } catch { /* storage is off */ }
 }
 
 function tell(run, state, last, mine) {
@@ -260,7 +275,7 @@ function tell(run, state, last, mine) {
   if (status === null) return;
   if (wasMine && !mine && !handing) {
     const taken = Boolean(status.operator), when = at(status.operator?.since ?? status.time_s);
-    notice("deposed", "warn", { title: taken ? `Somebody else took control at ${when}` : "This page is not in control any more",
+    notice("deposed", "warn", { title: taken ? `Another page took control at ${when}` : "This page is not in control any more",
       lines: [taken ? "This page only watches now; take over to steer again." : "It was not heard of for a while; take control to steer again."],
       actions: [["sinew-seen", "Close", () => notice("deposed")]] });
   }
@@ -269,24 +284,28 @@ function tell(run, state, last, mine) {
   const stop = status.emergency, isNew = stop?.was_emergency && !run && stop.at >= (last?.started ?? 0);
   if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
   else if (isNew) {
-    notice("emergency", "bad", { title: `Emergency stop at ${at(stop.at)}`,
-      lines: [stop.is_safe ? sentence(stop.sentence) : `NOT CONFIRMED: ${stop.sentence}.`] });
+    const next = "The stop needs no reset: when the bench is well, go on from here or start again on the page Plan.";
+    if (stop.at === seenStop) notice("emergency");
+    else notice("emergency", "bad", { title: `Emergency stop at ${at(stop.at)}`,
+      lines: stop.is_safe ? [sentence(stop.sentence), next] : [`NOT CONFIRMED: ${stop.sentence}.`],
+      actions: stop.is_safe ? [["sinew-stop-seen", "Close", () => { seeStop(stop.at); notice("emergency"); }]] : [] });
   } else notice("emergency");
   notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
-    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves."] });
+    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves: some ten seconds."] });
   notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
   if (config.here !== "/" || run || !last) { notice("ended"); }
   else {
-    const done = last.groups === null || last.groups === undefined ? "" : `${last.groups_done} of ${last.groups} segments are recorded.`;
+    const done = last.groups === null || last.groups === undefined ? "" : `${last.groups_done} of ${last.groups} groups are recorded.`;
+    const asked = /^(?!emergency).* by the operator/i.test(last.sentence);
     const open = last.groups_done ? [["sinew-open-last", "Open its results", `/runs/${encodeURIComponent(last.name)}`]] : [];
     const when = `at ${at(last.ended)}`;
     if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [sentence(last.sentence)], actions: open });
     else {
-      const why = mayStart();
-      const resume = [["sinew-go-on", "Resume", () => command("continue", { name: last.name }), !why, why]];
+      const why = mayStart() || (mine ? "" : "Take control to go on with it.");
+      const resume = [["sinew-go-on", "Go on with this run", () => command("continue", { name: last.name }), !why, why]];
       notice("ended", "bad", { title: last.complete ? `The run ${last.name} is complete, but ended in trouble, ${when}` : `The run ${last.name} ended early, ${when}`,
-        lines: [sentence(last.sentence), last.can_resume ? `${done} See that the bench is well; Resume then goes on with the first segment that is missing.`
+        lines: [sentence(last.sentence), last.can_resume ? `${done}${asked ? "" : " See that the bench is well."} Go on with the first group that is missing, or leave it at that.`
           : last.complete ? done : "Nothing was recorded. Mend what it says, and start it again from the page Plan."],
         actions: [...(last.can_resume ? resume : []), ...open] });
     }
@@ -342,7 +361,8 @@ if (box) new MutationObserver(watchBox).observe(box, { attributes: true, attribu
 
 window.Sinew = {
   config, command, emergency, signIn, say, notice, clock,
-  start: (plan, rig, name) => command("start", { plan, rig, name }),
+  // Where nobody is in control it is taken first; from somebody it is taken by its own button alone.
+  start: async (plan, rig, name) => !status?.operator && !(await command("take")).ok ? { ok: false } : command("start", { plan, rig, name }),
   status: () => status,
 };
 

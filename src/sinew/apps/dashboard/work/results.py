@@ -1,5 +1,6 @@
 """Results of a run: of one that has ended made once and read from then on, of one under way group by group."""
 
+import hashlib
 import json
 import math
 import zipfile
@@ -8,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from sinew.analysis.run_index import QUANTITIES
@@ -15,6 +17,7 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING, RESULTS, name_in
 from sinew.bench.record.journal import is_being_written
+from sinew.measure.doors import write_atomically
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
 
@@ -291,6 +294,31 @@ def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
                 yield _row(float(pretension), quantity, _mean_of(values, np.full(values.shape, np.nan)))
 
 
+_PREDICTION = "prediction.json"
+
+
+def prediction_of_run(folder: Path | str) -> dict[str, Any]:
+    """Return what was to be expected of a run that has a journal: `plan` and `rig`, its texts, and `curves` as of
+    `prediction_for_plan`; computed once for both. Raises FileError where there is no journal."""
+    from sinew.apps.console import write_json
+    from sinew.apps.dashboard.work.design import prediction_for_plan
+    from sinew.bench.record.journal import JournalReader
+
+    folder = unlinked(Path(folder))
+    with JournalReader(folder / JOURNAL) as journal:
+        plan, rig = journal.plan_toml, journal.rig_toml
+    stamp = [_VERSION, hashlib.sha256(f"{plan}\0{rig}".encode()).hexdigest()]
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        stored = json.loads((folder / CACHE / _PREDICTION).read_text(encoding="utf-8"))
+        if stored["stamp"] == stamp:
+            return dict(stored["prediction"])
+    found = {"plan": plan, "rig": rig, "curves": prediction_for_plan(plan, rig)["curves"]}
+    with suppress(SinewError, OSError):
+        (folder / CACHE).mkdir(exist_ok=True)
+        write_json({"stamp": stamp, "prediction": found}, folder / CACHE / _PREDICTION)
+    return found
+
+
 # A run's files are made for who takes them along.
 
 FILES = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
@@ -319,19 +347,17 @@ def download(folder: Path | str, kind: str) -> Path:
 
 def _csv(folder: Path, path: Path) -> None:
     from sinew.measure.files.export import export_csv
-    from sinew.measure.files.netcdf import write_atomically
 
-    table = path.with_name(f".{folder.name}.csv")
-    export_csv(load_own(folder), table)
+    path.parent.mkdir(exist_ok=True)
+    with TemporaryDirectory(dir=path.parent) as own:  # another process may make the same at the same time
+        table = Path(own) / f"{folder.name}.csv"
+        export_csv(load_own(folder), table)
 
-    def write(temporary: Path) -> None:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
-            packed.write(table, f"{folder.name}.csv")
+        def write(temporary: Path) -> None:
+            with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
+                packed.write(table, table.name)
 
-    try:
         write_atomically(path, write)
-    finally:
-        table.unlink(missing_ok=True)
 
 
 def _mat(folder: Path, path: Path) -> None:

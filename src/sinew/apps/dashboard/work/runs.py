@@ -23,6 +23,7 @@ from sinew.apps.dashboard.operators import (
     unlinked,
 )
 from sinew.bench.record.journal import is_being_written, summarise_journal
+from sinew.measure.doors import write_text
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan
@@ -31,7 +32,7 @@ from sinew.plan.toml import Shelf, list_shipped, parse_plan, parse_rig, read_spe
 
 RECORDING, RESULTS, NOTES = "recording.nc", "results.nc", "notes.json"
 _LOOKED_AT = (JOURNAL, f"{JOURNAL}-wal", RECORDING, RESULTS, NOTES)
-_READING_S = 20.0  # of a page's patience; what is not read then is read by the next look
+_READING_S = 2.0  # for so long a run's live curves wait behind a look; what is not read then is read by the next
 
 
 def list_runs(runs: Path | str, query: str = "", most: int | None = None) -> list[dict[str, Any]]:
@@ -100,8 +101,8 @@ def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str
         if name not in known or first not in known or name == first:
             continue
         found = differences(known[first], known[name], list(QUANTITIES))
-        if found:
-            sentences.append(f"{name} against {first}: {by_chance(found)}")
+        told = by_chance(found) if found else "no quantity was found in both at the same pretension."
+        sentences.append(f"{name} against {first}: {told}")
         rows += [
             {
                 "run": name,
@@ -275,24 +276,25 @@ def rename_run(runs: Path, name: str, to: str) -> str:
 def bin_run(runs: Path, name: str) -> str:
     """Put a run into the bin, its name with a number behind it if need be; return a sentence. Raises RefusedError."""
     folder, place = _ended(runs, name), _bin(runs)
-    kept = name
-    for number in range(2, 1000):
-        if not os.path.lexists(place / kept):
-            break
-        kept = f"{name[:75]}.{number}"
+    kept = _free_name(place, name)
     _move(folder, place / kept)
     return f"the run {name} lies in the bin" + (f" as {kept}" if kept != name else "")
 
 
+def _free_name(place: Path, name: str) -> str:
+    """Return a name that nothing in a folder has: this one, or with a number behind it."""
+    more = (f"{name[:75]}.{number}" for number in range(2, 1000))
+    return next((one for one in (name, *more) if not os.path.lexists(place / one)), name)
+
+
 def restore_run(runs: Path, name: str) -> str:
-    """Take a run out of the bin, and return a sentence. Raises RefusedError."""
+    """Take a run out of the bin, as `bin_run` puts it there, and return a sentence. Raises RefusedError."""
     folder = _bin(runs) / require_run_name(name)
     if not folder.is_dir() or folder.is_symlink():
         raise RefusedError(404, f"there is no {name} in the bin; the page Runs lists what is")
-    if os.path.lexists(runs / name):
-        raise RefusedError(409, f"there is a run {name} already; rename that one first")
-    _move(folder, runs / name)
-    return f"the run {name} is back"
+    kept = _free_name(runs, name)
+    _move(folder, runs / kept)
+    return f"the run {name} is back" + (f" as {kept}: something else has its name" if kept != name else "")
 
 
 def note_run(runs: Path, name: str, notes: str, tags: list[str]) -> str:
@@ -308,8 +310,6 @@ def note_run(runs: Path, name: str, notes: str, tags: list[str]) -> str:
     if bad is not None or len(tags) > _MOST_TAGS:
         found = f"the tag {bad[:50]!r}" if bad is not None else f"{len(tags)} tags"
         raise RefusedError(422, f"found {found}, expected up to {_MOST_TAGS} of letters, digits, '.', '_', '+' or '-'")
-    from sinew.measure.files.netcdf import write_text
-
     try:
         write_text(folder / NOTES, json.dumps({"notes": notes, "tags": tags}, ensure_ascii=False, indent=2) + "\n")
     except SinewError as trouble:
@@ -510,5 +510,9 @@ def _plan_in_words(plan: Plan) -> str:
         words.append(plan.rest_pose.words())
     if plan.track is not None:
         words.append("tracking")
-    minutes = sum(group.duration_s for group in plan.groups()) / 60
-    return f"{', '.join(words)}; {minutes:.1f} min" if minutes < 10 else f"{', '.join(words)}; {minutes:.0f} min"
+    from sinew.plan.check import stages_of
+
+    last = stages_of(plan)[-1]
+    whole_s = last.start_s + last.duration_s
+    long = f"{whole_s:.0f} s" if whole_s < 90 else f"{whole_s / 60:.0f} min"
+    return f"{', '.join(words)}; {long}"

@@ -24,11 +24,12 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.judgement import alarm_limits
 from sinew.apps.dashboard.operators import held_inside, unlinked
 from sinew.apps.dashboard.work.runs import RECORDING
-from sinew.bench.record.journal import JournalReader, is_being_written
+from sinew.bench.record.journal import JournalReader, Stretch, is_being_written
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError
+from sinew.measure.events import Contact, Event
 from sinew.plan.pose import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
@@ -310,11 +311,73 @@ class _OfJournal:
 
 
 def journal_spans(journal: JournalReader) -> list[Span]:
-    """Return the stretches of one clock in a journal: one of each time that a run wrote there."""
+    """Return the stretches of one clock in a journal: one of each time that a run wrote there; none before a sample."""
     firsts = journal.first_samples()
-    ends = [*firsts[1:], journal.last_sample() + 1]
+    ends = [*firsts[1:], journal.last_sample() + 1][: len(firsts)]
     parts = [(a - 1, b - 1, journal.clock(a), journal.clock(b - 1)) for a, b in zip(firsts, ends, strict=True)]
     return _joined(parts)
+
+
+# A journal is followed while it grows.
+
+MOST_NEW_ROWS = 4000
+
+
+@dataclass(frozen=True)
+class News:
+    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
+    numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
+    groups are finished; what the clock of the newest rows showed when the time of the run was 0 [s]; where the tendon
+    motors stood at first contact [rad], where that is among the events; what makes of that clock seconds since 1970."""
+
+    rows: dict[str, Array]
+    events: list[tuple[int, Event]]
+    segment: Stretch | None
+    groups_done: int
+    zero_s: float = math.nan
+    contact: Array | None = None
+    times: dict[int, tuple[float, float]] = field(default_factory=dict)
+    epoch_s: float = math.nan
+
+
+class JournalTail:
+    """Follows one journal.
+
+    path: of the journal. backlog: how many of the samples that there are already are read first.
+    Every look is a short read transaction of its own, which keeps nothing from whoever writes. Raises FileError where
+    it is no journal; sqlite3.OperationalError may come from a look at a disk that fails.
+    """
+
+    def __init__(self, path: Path, backlog: int = 0) -> None:
+        self._reader = JournalReader(path)
+        self.plan_toml, self.rig_toml = self._reader.plan_toml, self._reader.rig_toml
+        self.found = self._reader.last_sample()  # what was there before we came
+        self._last = max(0, self.found - backlog)
+        self._event = 0
+        self._session, self._zero_s = 0, math.nan
+        source = self._reader.attrs.get("source")
+        self.source = None if source is None else str(source)
+
+    def look(self, most: int = MOST_NEW_ROWS) -> News:
+        """Return what is new, at most so many rows at a time."""
+        reader = self._reader
+        end = min(reader.last_sample(), self._last + most)
+        rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
+        self._last = max(self._last, end)
+        events, times = reader.events(self._event), reader.event_times(self._event)
+        if events:
+            self._event = events[-1][0]
+        touched = any(isinstance(event, Contact) for _, event in events)
+        contact = reader.tendons_at_contact() if touched else None
+        if rows and (session := reader.session(self._last)) != self._session:
+            newest = journal_spans(reader)[-1]
+            self._session, self._zero_s = session, newest.clock_s - newest.begin_s
+        done, epoch = reader.count_finished(), reader.epoch(self._session) if rows else math.nan
+        return News(rows, events, reader.newest_stretch(), done, self._zero_s, contact, times, epoch)
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._reader.close()
 
 
 _MOST_ROWS = 20_000_000  # of a recording: a day at 200 Hz

@@ -1,0 +1,95 @@
+"""Batches on a GPU beside the CPU, the same ones in one run: `python -m benchmarks gpu`, `make bench-gpu`.
+
+Each device has a process of its own, for JAX begins on one. Everything is compiled before it is timed. Where JAX finds
+no GPU, the CPU's time stands alone, and it is said that the figure is missing.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from sinew.measure.errors import SpecError
+from sinew.measure.tasks import DEVICE, DEVICES
+from sinew.paper.numbers import observe
+from sinew.plan.toml import dump_rig, load_rig
+from sinew.predict.joints.design import shear_modulus_of
+from sinew.tune.candidate import DesignTarget
+from sinew.tune.design import blocks_of, search_block
+from sinew.twin.cache import configure
+
+STARTS, RIGS = 64, 64
+NO_GPU = 3
+
+
+def batches() -> dict[str, tuple[int, Callable[[], Any]]]:
+    """Return what is computed by name: how many, and what gives their numbers as one array."""
+    rig = load_rig("paper")
+    target, base = DesignTarget((0.7, 1.1), 7.0, 0.25), {"base": shear_modulus_of(rig)}
+    (block,) = blocks_of(dump_rig(rig), target, base, ["circle"], STARTS, 0)
+    return {
+        "designs, searched": (STARTS, lambda: search_block(block).objectives),
+        "rigs of the posterior": (RIGS, lambda: observe([rig] * RIGS)),
+    }
+
+
+def measure(device: str) -> dict[str, Any]:
+    """Return time [s] and numbers of every batch on a device, by name."""
+    os.environ[DEVICE] = device
+    configure()
+    found: dict[str, Any] = {}
+    for name, (count, batch) in batches().items():
+        values = np.asarray(batch())
+        begin = time.perf_counter()
+        batch()
+        seconds = time.perf_counter() - begin
+        found[name] = {"count": count, "seconds": seconds, "kind": str(values.dtype), "values": values.tolist()}
+    return found
+
+
+def main(arguments: Sequence[str] = ()) -> None:
+    """Print the time of each batch on the CPU and, where there is one, on the GPU, and how far numbers are apart."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks gpu", description=__doc__)
+    parser.add_argument("--on", choices=DEVICES, help="one device alone, as JSON")
+    asked = parser.parse_args([*arguments])
+    if asked.on is not None:
+        try:
+            print(json.dumps(measure(asked.on)))
+        except SpecError as error:
+            print(error, file=sys.stderr)
+            sys.exit(NO_GPU)
+        return
+    cpu, gpu = (_asked(device) for device in DEVICES)
+    assert isinstance(cpu, dict)
+    print("batches on the CPU and on a GPU, double precision on both:")
+    for name, one in cpu.items():
+        line = f"  {one['count']:4d} {name:24} {one['seconds']:8.2f} s on the CPU"
+        if isinstance(gpu, dict):
+            other = gpu[name]
+            apart = np.nanmax(np.abs(np.array(other["values"]) / np.where(one["values"], one["values"], 1.0) - 1))
+            line += f", {other['seconds']:8.2f} s on the GPU, {one['seconds'] / other['seconds']:.1f} times as fast; "
+            line += f"numbers ({other['kind']}) within {apart:.1e}"
+        print(line)
+    if not isinstance(gpu, dict):
+        print(f"  the GPU's figure is missing: {gpu}")
+
+
+def _asked(device: str) -> dict[str, Any] | str:
+    """Return what a process of its own measures on a device; where there is none, why."""
+    command = [sys.executable, "-m", "benchmarks", "gpu", "--on", device]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == NO_GPU:
+        return done.stderr.strip().splitlines()[-1]
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return dict(json.loads(done.stdout))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,378 @@
+"""Tasks: a function of a module over many inputs, here, in processes or on a Dask cluster, kept as they come.
+
+A task is a pure function of what it is given: it holds its own seed, and all that it puts into one batch. So its result
+does not depend on who computes it, nor on how many do, and may be asked of another where a worker dies. A cluster costs
+some milliseconds for each; tasks of seconds to minutes are what it is for.
+"""
+
+import hashlib
+import io
+import logging
+import os
+import pickle
+import sqlite3
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib.metadata import PackageNotFoundError, version
+from inspect import getsourcefile
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+T = TypeVar("T")
+R = TypeVar("R")
+Progress = Callable[[float, float], None]
+
+CORES = "SINEW_CORES"
+"""Environment: how many threads of its own a process keeps busy; see `cores`."""
+
+DEVICE = "SINEW_DEVICE"
+"""Environment: what JAX computes on, `cpu` or `gpu`; see `sinew.twin.cache.configure`."""
+
+DEVICES = ("cpu", "gpu")
+
+_TIMEOUT_S = 20.0
+"""How long a scheduler, or its first worker, is waited for."""
+
+_PATIENCE_S = 60.0
+"""The same where there was one before."""
+
+_CONNECT_S = 3.0
+
+_TRIES = 3
+"""How often processes of this computer may end, with no result in between, until a task is taken for the cause."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Where tasks run, and where their results are kept.
+
+    scheduler: address of a Dask scheduler, `tcp://host:8786`, whose workers do them. workers: processes of this
+    computer that do them instead; 1 is this process alone. More need the usual `if __name__ == "__main__":` in a
+    script. keep: a file that takes every result as it comes; what it holds already is not computed again. It is
+    Python's pickles in SQLite, to be trusted as far as who wrote it. device: what JAX computes on, `cpu` or `gpu`.
+    Raises SpecError where that cannot be.
+
+    >>> import sinew as sn
+    >>> sn.Spread(workers=4, keep="found.sqlite").workers
+    4
+    """
+
+    scheduler: str | None = None
+    workers: int = 1
+    keep: Path | str | None = None
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        if self.scheduler is not None and self.workers != 1:
+            raise SpecError("found a scheduler and workers of this computer; a scheduler has its own, give one of both")
+        if self.workers < 1:
+            raise SpecError(f"found {self.workers} workers, expected 1 or more")
+        if self.device not in DEVICES:
+            raise SpecError(f"found the device {self.device!r}, expected one of {', '.join(DEVICES)}")
+
+
+HERE = Spread()
+"""In this process, one task after the other, nothing kept."""
+
+
+def cores() -> int:
+    """Return how many threads of its own this process may keep busy: $SINEW_CORES, else one for each processor.
+
+    Processes that share a computer have their share of it, a worker of a cluster one, unless the environment says more.
+    """
+    return max(1, int(os.environ.get(CORES) or os.cpu_count() or 1))
+
+
+def run_tasks(
+    function: Callable[[T], R], tasks: Sequence[T], spread: Spread = HERE, progress: Progress | None = None
+) -> list[R]:
+    """Return the result of every task, in their order; see `each_task`."""
+    found = dict(each_task(function, tasks, spread, progress))
+    return [found[place] for place in range(len(tasks))]
+
+
+def each_task(
+    function: Callable[[T], R], tasks: Sequence[T], spread: Spread = HERE, progress: Progress | None = None
+) -> Iterator[tuple[int, R]]:
+    """Yield (place, result) of every task as they come, those first that were kept.
+
+    function: of a module, so that others find it. progress: called with (done, total). A result that is yielded is
+    kept already: who is killed has lost what was being computed, and no more.
+    Raises SpecError where the cluster cannot be used, FileError where nothing can be kept, and what a task raises.
+    """
+    source = None if spread.keep is None and spread.scheduler is None else source_of(function)
+    done = 0
+
+    def told() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, len(tasks))
+
+    with _kept_in(spread.keep) as kept:
+        keys = [] if kept is None else [digest_of((source, spread.device, function, task)) for task in tasks]
+        waiting = dict(enumerate(tasks))
+        if kept is not None:
+            for place, key in enumerate(keys):
+                if (blob := kept.get(key)) is not None:
+                    del waiting[place]
+                    told()
+                    yield place, pickle.loads(blob)
+        do = partial(_do, function, spread.device)
+        if spread.scheduler is not None:
+            come = _on_cluster(partial(_do_there, function, spread.device, source), waiting, spread.scheduler)
+        elif spread.workers > 1 and len(waiting) > 1:
+            come = _in_processes(do, waiting, min(spread.workers, len(waiting)))
+        else:
+            come = ((place, do(task)) for place, task in waiting.items())
+        with closing(come):
+            for place, result in come:
+                if kept is not None:
+                    kept.put(keys[place], pickle.dumps(result))
+                told()
+                yield place, result
+
+
+def _do(function: Callable[[T], R], device: str, task: T) -> R:
+    """Return a task's result, computed in this process, which may not have begun on another device."""
+    if device != "cpu" or DEVICE in os.environ:
+        os.environ[DEVICE] = device
+    return function(task)
+
+
+def _do_there(function: Callable[[T], R], device: str, source: str, task: T) -> R:
+    """Return a task's result, computed on a worker. Raises SpecError where it would be another program's."""
+    os.environ.setdefault(CORES, "1")
+    if source_of(function) != source:
+        raise SpecError(
+            "a worker of the cluster has another Sinew, or another JAX, NumPy or SciPy, than this computer, and would "
+            "give other numbers; install the same there, and start the worker anew"
+        )
+    return _do(function, device, task)
+
+
+# ---- processes of this computer
+
+
+def _in_processes(function: Callable[[T], R], waiting: dict[int, T], workers: int) -> Iterator[tuple[int, R]]:
+    """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
+    share, tries = max(1, cores() // workers), 0
+    while waiting:
+        broken: BrokenProcessPool | None = None
+        pool = ProcessPoolExecutor(workers, get_context("spawn"))
+        try:
+            # A process is begun when a task is handed in, and has the environment of that moment. NPROC stays
+            # `sinew.twin.cache`'s to say; BLAS has the threads of the share.
+            with _environment({CORES: str(share), "OPENBLAS_NUM_THREADS": str(share), "OMP_NUM_THREADS": str(share)}):
+                futures = {pool.submit(function, task): place for place, task in waiting.items()}
+            for future in as_completed(futures):
+                try:
+                    result = future.result()
+                except BrokenProcessPool as error:  # of all that were not done; what was comes beside them
+                    broken = error
+                    continue
+                del waiting[futures[future]]
+                tries = 0
+                yield futures[future], result
+        finally:
+            pool.shutdown(wait=not waiting, cancel_futures=True)
+        tries += broken is not None
+        if tries == _TRIES:
+            raise SinewError(
+                f"processes that compute ended {_TRIES} times before any of {len(waiting)} tasks was done, perhaps for "
+                'want of memory; take fewer workers, and in a script begin under `if __name__ == "__main__":`'
+            ) from broken
+
+
+@contextmanager
+def _environment(settings: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in settings}
+    for name, value in settings.items():
+        os.environ[name] = value if name == CORES else os.environ.get(name, value)
+    try:
+        yield
+    finally:
+        for name, old in before.items():
+            if old is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = old
+
+
+# ---- a cluster
+
+
+class _LostError(Exception):
+    """The scheduler went, and with it all that it knew."""
+
+
+def _on_cluster(function: Callable[[T], R], waiting: dict[int, T], address: str) -> Iterator[tuple[int, R]]:
+    """Yield (place, result) as they come. Dask asks others for what a worker that died was at; where the scheduler
+    dies, a new one at the same address is handed what is not here yet."""
+    begun = False
+    while waiting:
+        with _client(address, begun) as client:
+            begun = True
+            try:
+                for place, result in _gathered(client, function, waiting):
+                    del waiting[place]
+                    yield place, result
+            except _LostError:
+                continue
+
+
+@contextmanager
+def _client(address: str, again: bool) -> "Iterator[Client]":
+    try:
+        import distributed
+    except ImportError as error:
+        raise SpecError(f"--scheduler needs dask.distributed; install it: {how_to_install('cluster')}") from error
+    for name in ("distributed", "distributed.client"):  # what it says of a lost scheduler, we say
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    patience = _PATIENCE_S if again else _TIMEOUT_S
+    kept = "; what was done before is in the file of --keep: the same command goes on from it" if again else ""
+    until = time.monotonic() + patience
+    client = None
+    while client is None:
+        try:  # in short tries, for between two of its own Dask waits ever longer
+            client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:  # a timeout is an OSError
+            if time.monotonic() > until or isinstance(error, ValueError):
+                raise SpecError(
+                    f"found no Dask scheduler at {address} within {patience:g} s; start one (dask scheduler) and give "
+                    f"its address, as tcp://host:8786{kept}"
+                ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=max(1.0, until - time.monotonic()))
+        except OSError as error:
+            raise SpecError(
+                f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){kept}"
+            ) from error
+        yield client
+
+
+def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int, T]) -> Iterator[tuple[int, R]]:
+    """Yield (place, result) as they come. Raises _LostError where the scheduler is gone."""
+    from distributed import as_completed as completed
+
+    places, tasks = list(waiting), list(waiting.values())
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
+        futures = client.map(function, tasks, pure=False)
+    place_of = dict(zip((future.key for future in futures), places, strict=True))
+    for future, result in completed(futures, loop=client.loop, with_results=True, raise_errors=False):
+        if future.status == "finished":
+            yield place_of[future.key], result
+            future.release()
+        elif future.status == "error":
+            _raise_of(result[1])
+        else:
+            raise _LostError
+
+
+def _raise_of(error: BaseException) -> None:
+    """Raise what a task raised; what the cluster did to it, in a sentence."""
+    from distributed.scheduler import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        raise SinewError(
+            "a task took several workers with it, perhaps for want of memory; give the workers more, or fewer of them"
+        ) from error
+    if isinstance(error, ImportError):
+        raise SpecError(f"the workers cannot load what they are to compute ({error}); install Sinew there") from error
+    raise error
+
+
+# ---- what is kept
+
+
+class _Kept:
+    """Results by the key of their task, in a file; each is there whole or not at all."""
+
+    def __init__(self, file: sqlite3.Connection, path: Path) -> None:
+        self._file, self._path = file, path
+
+    def get(self, key: str) -> bytes | None:
+        """Return a result as it was put; None where there is none."""
+        row = self._file.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()
+        return None if row is None else bytes(row[0])
+
+    def put(self, key: str, result: bytes) -> None:
+        """Keep a result, on the disk before this returns. Raises FileError where it cannot."""
+        try:
+            with self._file:
+                self._file.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (key, result))
+        except sqlite3.Error as error:
+            raise FileError(f"cannot keep results in {self._path}: {error}; check the free space") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_Kept]:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = sqlite3.connect(path, timeout=30)
+        file.execute("CREATE TABLE IF NOT EXISTS kept (key TEXT PRIMARY KEY, result BLOB NOT NULL)")
+    except (OSError, sqlite3.Error) as error:
+        raise FileError(f"{path} cannot keep results ({error}); name a new file with --keep") from error
+    with closing(file):
+        yield _Kept(file, path)
+
+
+def _kept_in(path: Path | str | None) -> AbstractContextManager[_Kept | None]:
+    return nullcontext() if path is None else _opened(Path(path))
+
+
+class _Plain(pickle.Pickler):
+    """Pickles of equal tasks are equal: what is the same object twice is written twice, a set by its sorted words."""
+
+    fast = True
+
+    def persistent_id(self, obj: Any) -> Any:
+        return sorted(map(repr, obj)) if isinstance(obj, (set, frozenset)) else None
+
+
+def digest_of(value: object) -> str:
+    """Return a hash of every bit of a value; equal values have one."""
+    written = io.BytesIO()
+    _Plain(written).dump(value)
+    return hashlib.sha256(written.getvalue()).hexdigest()
+
+
+def source_of(function: Callable[..., Any]) -> str:
+    """Return a hash of what computes: all source of Sinew, the function's own, versions of what both stand on."""
+    outside = {one for one in _functions(function) if not one.__module__.startswith("sinew.")}
+    return _source(tuple(sorted(filter(None, map(getsourcefile, outside)))))
+
+
+def _functions(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    if isinstance(function, partial):
+        for one in (function.func, *filter(callable, function.args)):
+            yield from _functions(one)
+    else:
+        yield function
+
+
+@cache
+def _source(others: tuple[str, ...]) -> str:
+    taken = hashlib.sha256()
+    for path in (*sorted(Path(__file__).parents[1].rglob("*.py")), *map(Path, others)):
+        taken.update(path.read_bytes())
+    for name in ("jax", "jaxlib", "numpy", "scipy"):
+        try:
+            taken.update(f"{name} {version(name)}\n".encode())
+        except PackageNotFoundError:
+            continue
+    return taken.hexdigest()

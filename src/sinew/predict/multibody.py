@@ -1,0 +1,781 @@
+"""Multibody: a rig's joint as rigid bodies on springs, for MuJoCo (MJCF) and what reads URDF.
+
+The silicone is a chain of pieces. Between two of them sits a joint with the six strains of `sinew.mechanics.rod`: three
+slides, three hinges, on springs that are the slopes of its energy at rest, so every number comes from the mechanics and
+none from a measured resonance. Bodies are where they rest at a pretension, and springs are loaded so that they do rest
+there. Head, lever, guides and weight are those of `sinew.mechanics.space`; tendons follow the law of
+`sinew.mechanics.tendons` exactly, slack and limit with it.
+
+The silicone's memory is one Maxwell element for each coordinate of the rod, which simulators have no word for: a small
+mass on a damper, tied to the coordinate by a spring. A pose that is held relaxes, and storage and loss are those of the
+twin's four branches at the frequency of the mode. What springs and dampers cannot do is taken where it matters and said
+in the file: the guides' friction, and how the silicone hardens, in a swing of one amplitude.
+"""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+from xml.etree import ElementTree as ET
+
+import jax
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sinew import __version__
+from sinew.measure.arrays import Array
+from sinew.measure.doors import as_path
+from sinew.measure.errors import SpecError
+from sinew.measure.files.netcdf import write_atomically
+from sinew.measure.units import STANDARD_GRAVITY
+from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
+from sinew.mechanics.rod import STRAINS, TERMS, section_springs
+from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxation_times, twist_rigidity
+from sinew.mechanics.space import Space
+from sinew.plan.plan import Group, TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.predict.modes import Asked, Finder, FoundMode
+from sinew.predict.pose import guides_of, sections_at, strains_at
+from sinew.predict.predicted import refuse_pretensions
+from sinew.solve.first import FreeSwing, SwingSprings, swing_springs
+from sinew.twin.parameters import from_rig
+from sinew.twin.simulate import lane_parameters
+
+PIECES = 6
+"""Joints of the silicone's chain; see docs/how-to/simulators.md for what fewer and more of them are worth."""
+
+_MOST_PIECES = 40
+_NO_MASS = 1e-6  # [kg], [kg m²]: of links between two hinges, which simulators want to weigh something
+_LIGHT = 1e-3  # a memory's mass over what its damper holds in the time it takes to forget
+_NOTHING = 1e-14  # what rounding leaves, in SI
+_SMALL = 1e-3  # a swing in which guides hold [rad]
+_MOST_N = 1e4  # a motor that holds a position is not limited; MuJoCo's range wants a number
+_UP = np.array([1.0, 0.0, 0.0])
+_STEPS_S = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
+_MOST_PHASE = 0.6  # of the fastest vibration in one time step [rad]
+Format = Literal["mjcf", "urdf"]
+ENDINGS: dict[str, Format] = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}
+
+
+class Link(NamedTuple):
+    """One piece of the chain: a joint and the body above it, at rest.
+
+    place, turned: of the joint in frame B (3,) [m], (3, 3). strains: which of `STRAINS` it has. stiffness: along them,
+    relaxed, [N m/rad] and [N/m]; stress: at rest [N m], [N]. mass, centre [m] in B, tensor about its own axes (3,): of
+    the body.
+    """
+
+    place: Array
+    turned: Array
+    strains: tuple[str, ...]
+    stiffness: Array
+    stress: Array
+    mass: float
+    centre: Array
+    tensor: Array
+
+
+class Memory(NamedTuple):
+    """A Maxwell element of one coordinate of the rod: Σ weight·strain over the links (link,). stiffness [N m/rad] or
+    [N/m]; time: after which it forgets [s]."""
+
+    strain: str
+    order: int
+    weights: Array
+    stiffness: float
+    time: float
+
+
+class Pivot(NamedTuple):
+    """A swing of the head as a hinge. axis: in B (3,); reach: from the hinge up to the plate [m]; frequency [Hz] and
+    damping ratio of the mode that it stands for."""
+
+    name: str
+    axis: Array
+    reach: float
+    frequency_hz: float
+    damping: float
+
+
+class Bodies(NamedTuple):
+    """A joint as bodies on springs, in SI and frame B: what every format is written from.
+
+    links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint:
+    numbers of tendons and drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at
+    rest (tendon,). guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever:
+    (mass, height above the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is
+    taken; swing: [rad]. pivots: its modes as hinges, slower sway, faster sway and torsion; none in a bent pose.
+    """
+
+    links: tuple[Link, ...]
+    memory: tuple[Memory, ...]
+    plate: Array
+    turned: Array
+    joint: Parameters
+    feet: Array
+    guides: Array
+    cable_end: Array
+    tension: Array
+    guide_spring: float
+    guide_damping: float
+    head: tuple[float, float, Array]
+    lever: tuple[float, float, Array]
+    radius: float
+    channel: bool
+    torsion_hz: float
+    sway_hz: float
+    swing: float
+    pivots: tuple[Pivot, ...]
+
+
+def joint_bodies(
+    rig: RigSpec,
+    pretension_mm: float = 6.0,
+    *,
+    bend_deg: float = 0.0,
+    azimuth_deg: float = 0.0,
+    mode: TendonMode = "position",
+    swing_deg: float = 10.0,
+    pieces: int = PIECES,
+    sway: bool = True,
+) -> Bodies:
+    """Return a rig's joint as bodies on springs; see `export_model` for the arguments."""
+    refuse_pretensions(rig, [pretension_mm])
+    if not 1 <= pieces <= _MOST_PIECES:
+        raise SpecError(f"found {pieces} pieces of silicone, expected 1 to {_MOST_PIECES}")
+    if not 0 < swing_deg <= 90:
+        raise SpecError(f"found a swing of {swing_deg:g}°, expected more than 0 and at most 90°")
+    if sway:
+        return _in_space(rig, Asked((pretension_mm,), (bend_deg,), azimuth_deg, mode, swing_deg), pieces)
+    if bend_deg:
+        raise SpecError(f"found a bend of {bend_deg:g}° of a joint that does not sway, expected none; leave one out")
+    return _upright(rig, pretension_mm, mode, math.radians(swing_deg))
+
+
+def _element(joint: Parameters, hz: float) -> tuple[float, float]:
+    """Return (stiffness over the relaxed one, time [s]) of a Maxwell element with the branches' storage and loss at a
+    frequency [Hz]: g (ωτ)²/(1 + (ωτ)²) and g ωτ/(1 + (ωτ)²)."""
+    omega = math.tau * hz
+    shares = np.array([float(g) for g in joint.prony_shares])
+    storage, loss = (float(part.sum()) for part in branch_stiffness(shares, omega * relaxation_times()))
+    return (storage + loss**2 / storage, storage / loss / omega) if storage > 0 else (0.0, 1 / omega)
+
+
+def _memories(strains: Sequence[str], remembered: Array, hz: Sequence[float], joint: Parameters) -> tuple[Memory, ...]:
+    """Return the elements of a chain. remembered: what strains have shares of, by link (link, strain); hz: of the mode
+    that each strain swings in. Coordinates are polynomials along the chain, orthonormal over its links."""
+    count = len(remembered)
+    vander = np.polynomial.legendre.legvander((2 * np.arange(count) + 1) / count - 1, min(TERMS, count) - 1)
+    weights = np.linalg.qr(vander)[0]
+    weights *= np.sign(weights[-1])
+    found = []
+    for k, strain in enumerate(strains):
+        share, time = _element(joint, hz[k])
+        stiffness = share * float(remembered[:, k].mean())
+        if stiffness > 0:
+            found += [Memory(strain, order, row, stiffness, time) for order, row in enumerate(weights.T)]
+    return tuple(found)
+
+
+def _free(rig: RigSpec, pretension_mm: float, mode: float, swing: float) -> tuple[FreeSwing, SwingSprings]:
+    """Return what the upright joint is like in a swing of the torsion [rad]."""
+    return swing_springs(from_rig(rig), rig.tendons.first_contact_tension.value, pretension_mm, mode, swing)
+
+
+def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float) -> Bodies:
+    """Return the torsional joint: one piece that twists and sinks, as `sinew.mechanics.joint` has it."""
+    lanes, shortening = lane_parameters([Group("idle", pretension_mm, math.nan, math.nan, 0, 0.0, 1.0)], rig, mode=mode)
+    p = jax.tree.map(lambda leaf: np.float64(leaf[0]), lanes)
+    sunk, length = float(shortening[0]), float(p.length)
+    found, springs = _free(rig, pretension_mm, float(p.mode), swing)
+    hz = float(found.natural_frequency_hz)
+    total = float(found.tension_n) * rig.tendons.count
+    stretch = 1 - sunk / length
+    twist, axial = float(twist_rigidity(stretch, p)) / length, float(p.axial_rigidity) * (1 + 2 * stretch**-3) / length
+    grip = float(p.mode != CURRENT) * rig.tendons.count * float(p.stiffness)
+    bounce_hz = math.sqrt((axial + grip) / float(p.head_mass)) / math.tau
+    memory = _memories(("twist", "stretch"), np.array([[twist, float(axial_stiffness(p))]]), (hz, bounce_hz), p)
+    plate = np.array([length - sunk, 0.0, 0.0])
+    space = rig.space
+    lever_mass = float(p.head_mass) / 2 if space is None else space.lever_mass.value
+    heights = (0.0, 0.0) if space is None else (space.head_height.value, space.lever_height.value)
+    across, along = (float(p.head) / 2, 0.0) if space is None else (space.head_across.value, space.lever_along.value)
+    directions = np.array([[0.0, float(c), float(s)] for c, s in p.guide_directions])
+    gap = np.array([float(p.free_span) - length, 0.0, 0.0])
+    link = Link(
+        place=plate,
+        turned=np.eye(3),
+        strains=("twist", "stretch"),
+        stiffness=np.array([float(springs.silicone), axial]),
+        # The torsional joint has no weight; what it weighs here is taken by the spring.
+        stress=np.array([0.0, -total * _upward(plate, directions, gap, p) - float(p.head_mass) * STANDARD_GRAVITY]),
+        mass=0.0,
+        centre=plate,
+        tensor=np.zeros(3),
+    )
+    return Bodies(
+        links=(link,),
+        memory=memory,
+        plate=plate,
+        turned=np.eye(3),
+        joint=p,
+        feet=float(p.base_radius) * directions,
+        guides=float(p.head_radius) * directions + gap,
+        cable_end=np.full(len(directions), float(p.cable_end)),
+        tension=np.full(len(directions), total / len(directions)),
+        guide_spring=float(springs.guides),
+        guide_damping=float(springs.guides_loss) / (math.tau * hz) + float(p.viscous),
+        head=(float(p.head_mass) - lever_mass, heights[0], np.array([float(p.head), across, across])),
+        lever=(lever_mass, heights[1], np.array([float(p.lever), along or float(p.lever) / 2, float(p.lever)])),
+        radius=rig.silicone.diameter.value / 2,
+        channel=False,
+        torsion_hz=hz,
+        sway_hz=math.nan,
+        swing=swing,
+        pivots=(Pivot("torsion", _UP, 0.0, hz, float(found.damping_ratio)),),
+    )
+
+
+def _upward(plate: Array, directions: Array, gap: Array, p: Parameters) -> float:
+    """Return the share of the tendons' tension that presses the silicone: the cosine of their slope."""
+    way = plate + gap + (float(p.head_radius) - float(p.base_radius)) * directions[0]
+    return float(way[0] / np.linalg.norm(way))
+
+
+def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
+    """Return the joint that twists, bends, shears and sinks, cut into pieces, at a rest pose."""
+    finder = Finder(rig, asked)
+    pretension_mm, bend_deg = asked.pretension_mm[0], asked.bend_deg[0]
+    linear, space = finder.linear(pretension_mm, bend_deg)
+    found = finder.at(pretension_mm, bend_deg)
+    q, joint, tension = found.coordinates, space.rod.joint, np.asarray(found.tension_n)
+    torsion = found.of("torsion")
+    if torsion is None:
+        raise SpecError(
+            f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}"
+        )
+    sways = [mode for group in ("in_plane", "across") if (mode := found.of(group)) is not None]
+    swing = math.radians(asked.swing_deg)
+    straight, swung = _free(rig, pretension_mm, float(joint.mode), swing)
+    small, still = _free(rig, pretension_mm, float(joint.mode), _SMALL)
+    torsion_hz = torsion.frequency_hz * float(straight.natural_frequency_hz / small.natural_frequency_hz)
+    sway_hz = float(np.mean([mode.frequency_hz for mode in sways])) if sways else torsion_hz
+    share = float(tension.sum()) / (rig.tendons.count * float(straight.tension_n))
+    feet, guides = guides_of(space)
+    places, turns = sections_at(q, space, np.array([1.0]))
+    harder = float(swung.silicone / still.silicone)
+    links, memory = _chain(q, space, pieces, torsion_hz, sway_hz, harder)
+    bodies = Bodies(
+        links=links,
+        memory=memory,
+        plate=places[0],
+        turned=turns[0],
+        joint=joint,
+        feet=feet,
+        guides=guides,
+        cable_end=np.asarray(space.cable_end, dtype=float),
+        tension=tension,
+        guide_spring=share * float(swung.guides),
+        guide_damping=share * float(swung.guides_loss) / (math.tau * torsion_hz) + float(joint.viscous),
+        head=(float(space.head_mass), float(space.head_height), np.asarray(space.head_tensor)),
+        lever=(float(space.lever_mass), float(space.lever_height), np.asarray(space.lever_tensor)),
+        radius=rig.silicone.diameter.value / 2,
+        channel=float(space.channel) > 0,
+        torsion_hz=torsion_hz,
+        sway_hz=sway_hz,
+        swing=swing,
+        pivots=() if bend_deg else _pivots(sways, torsion, q, space, straight),
+    )
+    # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
+    longer = _tendon_lengths(bodies) - np.asarray(linear.around.spans)
+    return bodies._replace(cable_end=bodies.cable_end + longer)
+
+
+def _pivots(
+    sways: Sequence[FoundMode], torsion: FoundMode, q: Array, space: Space, swung: FreeSwing
+) -> tuple[Pivot, ...]:
+    """Return the modes of a straight joint as hinges.
+
+    A sway turns the head about an axis across, as far below the plate as the plate moves aside over how far it tilts.
+    """
+    found = []
+    for mode in sways:
+        step = _SMALL * mode.shape.reshape(q.shape)
+        (one,), (other,) = (sections_at(q + sign * step, space, np.array([1.0]))[0] for sign in (1, -1))
+        aside = (one - other) / (2 * _SMALL)
+        axis = np.cross(_UP, aside) / np.linalg.norm(aside)
+        reach = float(np.linalg.norm(aside)) / math.hypot(mode.tilt_in_plane, mode.tilt_across)
+        name = "sway_in_plane" if mode.group == "in_plane" else "sway_across"
+        found.append(Pivot(name, axis, reach, mode.frequency_hz, mode.damping))
+    ratio = float(swung.natural_frequency_hz) / torsion.frequency_hz
+    return (*found, Pivot("torsion", _UP, 0.0, ratio * torsion.frequency_hz, float(swung.damping_ratio)))
+
+
+def _chain(
+    q: Array, space: Space, pieces: int, torsion_hz: float, sway_hz: float, harder: float
+) -> tuple[tuple[Link, ...], tuple[Memory, ...]]:
+    """Return (links, memory) of a rod at rest.
+
+    Each piece has its joint in its middle; a body reaches from one joint to the next, so that the one above the last
+    joint is half a piece long and carries the head.
+
+    A hinge in the middle of a piece bends as the piece does under a moment; under a force across it gives way too
+    little, by length³/(12 B), which its slide across has besides the shear. harder: the relaxed twist spring in the
+    swing over that at rest.
+    """
+    joint, length = space.rod.joint, float(space.rod.joint.length)
+    middle = (np.arange(pieces) + 0.5) / pieces
+    tops = np.append(np.arange(1, pieces) / pieces, 1 - 0.25 / pieces)
+    shares = np.append(np.full(pieces - 1, 1 / pieces), 0.5 / pieces)
+    strains = strains_at(q, space, middle)
+    stretch = strains[:, 3]
+    own = strains - strains_at(np.zeros_like(q), space, middle)
+    own[:, :3] /= length
+    springs = section_springs(own, space.rod)
+    piece = length / pieces
+    load = float(space.head_mass) + float(space.lever_mass)
+    stiff_axial = float(np.asarray(springs.stiffness)[:, 3].mean()) / length
+    bounce_hz = math.sqrt((stiff_axial + len(space.cable_end) * float(joint.stiffness)) / load) / math.tau
+    hz = (torsion_hz, sway_hz, sway_hz, bounce_hz, sway_hz, sway_hz)
+    remembered = np.asarray(springs.remembered) / piece
+    stiffness = np.asarray(springs.stiffness) / piece
+    for shear, bend in ((4, 2), (5, 1)):  # across y goes with the bend about z, across z with that about y
+        softer = 1 + stiffness[:, shear] * (piece * stretch) ** 2 / (12 * stiffness[:, bend])
+        stiffness[:, shear], remembered[:, shear] = stiffness[:, shear] / softer, remembered[:, shear] / softer
+    stiffness[:, 0] *= harder
+    places, turns = sections_at(q, space, middle)
+    centres, _ = sections_at(q, space, tops)
+    inertia = np.array([float(x) for x in space.rod.line_inertia])
+    links = []
+    for i, share in enumerate(shares):
+        line = share * length
+        mass = float(space.rod.line_mass) * line
+        slender = mass * (line * stretch[i]) ** 2 / 12
+        links.append(
+            Link(
+                places[i],
+                Rotation.from_matrix(turns[i]).as_matrix(),
+                STRAINS,
+                stiffness[i],
+                np.asarray(springs.stress)[i],
+                mass,
+                centres[i],
+                inertia * line + np.array([0.0, slender, slender]),
+            )
+        )
+    return tuple(links), _memories(STRAINS, remembered, hz, joint)
+
+
+def _waypoints(bodies: Bodies) -> list[Array]:
+    """Return the points of the chain's bodies that tendons in channels pass, in B, a (tendon, 3) for each body but the
+    last, which has the head's guides; none where tendons are chords."""
+    if not bodies.channel:
+        return []
+    arms = 0.5 * (bodies.feet + bodies.guides) * np.array([0.0, 1.0, 1.0])
+    return [link.place + arms @ link.turned.T for link in bodies.links]
+
+
+def _tendon_lengths(bodies: Bodies) -> Array:
+    points = [bodies.feet, *_waypoints(bodies), bodies.plate + bodies.guides @ bodies.turned.T]
+    return np.asarray(np.linalg.norm(np.diff(np.stack(points), axis=0), axis=2).sum(axis=0))
+
+
+# ---- writing
+
+
+def _text(*values: float) -> str:
+    return " ".join(f"{float(value) if abs(value) > _NOTHING else 0.0:.9g}" for value in values)
+
+
+def _quaternion(matrix: Array) -> str:
+    x, y, z, w = Rotation.from_matrix(matrix).as_quat(canonical=True)
+    return _text(w, x, y, z)
+
+
+def _add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
+    return ET.SubElement(parent, tag, {name.rstrip("_"): value for name, value in attributes.items()})
+
+
+def _remark(parent: ET.Element, sentence: str) -> None:
+    # XML allows no two hyphens in a row within a comment, which the name of a rig may have.
+    parent.append(ET.Comment(f" {sentence.replace('--', '- -').replace('--', '- -')} "))
+
+
+def _joint_kind(strain: str) -> tuple[str, str, str]:
+    """Return (type, axis, name of the damped motion) of a strain's joint in MJCF."""
+    index = STRAINS.index(strain)
+    axis = ("1 0 0", "0 1 0", "0 0 1")[index % 3]
+    return ("hinge" if index < 3 else "slide"), axis, strain
+
+
+def _in_joints_order(link: Link) -> list[int]:
+    """Return places of the link's strains in the order of its joints: slides in the section below, then hinges."""
+    indices = [STRAINS.index(strain) for strain in link.strains]
+    return sorted(range(len(indices)), key=lambda i: (indices[i] < 3, indices[i]))
+
+
+def time_step(bodies: Bodies) -> float:
+    """Return a time step [s] that resolves the chain's fastest vibration: a piece between its two neighbours."""
+    fastest = 0.0
+    for link in bodies.links:
+        mass = link.mass + (bodies.head[0] + bodies.lever[0] if link is bodies.links[-1] else 0.0)
+        slides = [k for strain, k in zip(link.strains, link.stiffness, strict=True) if STRAINS.index(strain) >= 3]
+        fastest = max(fastest, *(2 * math.sqrt(k / mass) for k in slides))
+    return next((step for step in _STEPS_S if fastest * step < _MOST_PHASE), _STEPS_S[-1])
+
+
+def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
+    """Return the MJCF of a joint. heading: sentences of what it is, for the comment at its top."""
+    root = ET.Element("mujoco", model="sinew")
+    _remark(root, "\n  ".join(["", *heading, *_lacks(bodies)]) + "\n")
+    _add(root, "compiler", angle="radian", autolimits="true")
+    _add(root, "option", timestep=_text(time_step(bodies)), integrator="implicitfast", gravity="0 0 -9.80665")
+    default = _add(root, "default")
+    _add(default, "geom", contype="0", conaffinity="0", mass="0", rgba="0.85 0.83 0.75 1")
+    _add(default, "site", size="0.0025", rgba="0.2 0.2 0.2 1")
+
+    world = _add(root, "worldbody")
+    _add(world, "light", pos="0.3 -0.3 0.8", dir="-0.3 0.3 -0.8")
+    _remark(world, "Frame B of the rig: x along the unloaded silicone, here upwards; y where the lever's arms rest.")
+    base = _add(world, "body", name="base", xyaxes="0 0 1 1 0 0")
+    _add(
+        base, "geom", type="cylinder", fromto="-0.008 0 0 0 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1"
+    )
+    _sites(base, "base", bodies.feet)
+    _remark(
+        base,
+        "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that "
+        "of twist in the swing that the guides have. springref: its stress at rest.",
+    )
+    parent, place, turned = base, np.zeros(3), np.eye(3)
+    passed = _waypoints(bodies)
+    for i, link in enumerate(bodies.links):
+        body = _add(
+            parent,
+            "body",
+            name=f"core{i}",
+            pos=_text(*(turned.T @ (link.place - place))),
+            quat=_quaternion(turned.T @ link.turned),
+        )
+        for k in _in_joints_order(link):
+            kind, axis, name = _joint_kind(link.strains[k])
+            _add(
+                body,
+                "joint",
+                name=f"{name}{i}",
+                type=kind,
+                axis=axis,
+                stiffness=_text(link.stiffness[k]),
+                springref=_text(-link.stress[k] / link.stiffness[k]),
+            )
+        above = bodies.links[i + 1].place if i + 1 < len(bodies.links) else bodies.plate
+        if link.mass > 0:
+            _add(
+                body,
+                "inertial",
+                pos=_text(*(link.turned.T @ (link.centre - link.place))),
+                mass=_text(link.mass),
+                diaginertia=_text(*link.tensor),
+            )
+            reach = link.turned.T @ (above - link.place)
+            _add(body, "geom", type="cylinder", fromto=_text(0, 0, 0, *reach), size=_text(bodies.radius))
+        if passed:
+            _sites(body, f"core{i}_", (passed[i] - link.place) @ link.turned)
+        parent, place, turned = body, link.place, link.turned
+    _head(parent, place, turned, bodies)
+    sway = "" if math.isnan(bodies.sway_hz) else f", of bend and shear at {bodies.sway_hz:.4g} Hz"
+    _remark(
+        world,
+        "The silicone's memory: Maxwell elements, storage and loss of the twin's four branches for twist at "
+        f"{bodies.torsion_hz:.4g} Hz{sway}. Each is a mass so small that it only moves with its damper.",
+    )
+    for one in bodies.memory:
+        hidden = _add(world, "body", name=f"memory_{one.strain}_{one.order}")
+        damper = one.stiffness * one.time
+        _add(hidden, "joint", name=hidden.attrib["name"], type="slide", axis="1 0 0", damping=_text(damper))
+        light = _text(_LIGHT * damper * one.time)
+        _add(hidden, "inertial", pos="0 0 0", mass=light, diaginertia=f"{light} {light} {light}")
+
+    tendons = _add(root, "tendon")
+    _remark(tendons, "Cables between their guides; what pulls them are the actuators, one for each.")
+    for i in range(len(bodies.feet)):
+        cable = _add(tendons, "spatial", name=f"tendon{i + 1}", width="0.001", rgba="0.4 0.4 0.45 1")
+        for name in ("base", *(f"core{k}_" for k in range(len(passed))), "head"):
+            _add(cable, "site", site=f"{name}{i + 1}")
+    _remark(
+        tendons,
+        "Friction of the guides on the head's torsion: spring and loss of its fundamental in a swing of "
+        f"{math.degrees(bodies.swing):.3g}°; the real one is a hysteresis.",
+    )
+    guides = _add(
+        tendons,
+        "fixed",
+        name="guides",
+        stiffness=_text(bodies.guide_spring),
+        damping=_text(bodies.guide_damping),
+        springlength="0",
+    )
+    for i in range(len(bodies.links)):
+        _add(guides, "joint", joint=f"twist{i}", coef="1")
+    for one in bodies.memory:
+        name = f"memory_{one.strain}_{one.order}"
+        spring = _add(tendons, "fixed", name=name, stiffness=_text(one.stiffness), springlength="0")
+        for i, weight in enumerate(one.weights):
+            _add(spring, "joint", joint=f"{one.strain}{i}", coef=_text(weight))
+        _add(spring, "joint", joint=name, coef="-1")
+    _actuators(root, bodies)
+    sensors = _add(root, "sensor")
+    _add(sensors, "tendonpos", name="torsion", tendon="guides")
+    _add(sensors, "jointpos", name="lever_angle", joint="lever")
+    _add(sensors, "gyro", name="gyro", site="imu")
+    _add(sensors, "accelerometer", name="accelerometer", site="imu")
+    for i in range(len(bodies.feet)):
+        _add(sensors, "tendonpos", name=f"span{i + 1}", tendon=f"tendon{i + 1}")
+        _add(sensors, "actuatorfrc", name=f"pull{i + 1}", actuator=f"motor{i + 1}")
+    return _document(root)
+
+
+def _sites(body: ET.Element, name: str, points: Array) -> None:
+    for i, point in enumerate(points):
+        _add(body, "site", name=f"{name}{i + 1}", pos=_text(*point))
+
+
+def _head(parent: ET.Element, place: Array, turned: Array, bodies: Bodies) -> None:
+    """Add the head plate, its board and the lever on it, whose arms lie along y."""
+    head = _add(
+        parent,
+        "body",
+        name="head",
+        pos=_text(*(turned.T @ (bodies.plate - place))),
+        quat=_quaternion(turned.T @ bodies.turned),
+    )
+    mass, height, tensor = bodies.head
+    _add(head, "inertial", pos=_text(height, 0, 0), mass=_text(mass), diaginertia=_text(*tensor))
+    _add(head, "geom", type="cylinder", fromto="0 0 0 0.008 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1")
+    _add(head, "site", name="imu", pos="0 0 0")
+    _sites(head, "head", bodies.guides)
+    mass, height, tensor = bodies.lever
+    _remark(head, "The lever on its drive: reflected armature, back-EMF as a damper, friction of the gear.")
+    lever = _add(head, "body", name="lever", pos=_text(height, 0, 0))
+    _add(
+        lever,
+        "joint",
+        name="lever",
+        type="hinge",
+        axis="1 0 0",
+        armature=_text(bodies.joint.armature),
+        damping=_text(bodies.joint.speed_slope),
+        frictionloss=_text(bodies.joint.drive_friction),
+    )
+    _add(lever, "inertial", pos="0 0 0", mass=_text(mass), diaginertia=_text(*tensor))
+    arm = math.sqrt(float(tensor[0]) / mass)
+    _add(lever, "geom", type="capsule", fromto=_text(0, -arm, 0, 0, arm, 0), size="0.005", rgba="0.7 0.35 0.2 1")
+    for end in (-arm, arm):
+        _add(lever, "geom", type="sphere", pos=_text(0, end, 0), size="0.018", rgba="0.7 0.35 0.2 1")
+
+
+def _actuators(root: ET.Element, bodies: Bodies) -> None:
+    joint = bodies.joint
+    actuators = _add(root, "actuator")
+    k, held = float(joint.stiffness), np.broadcast_to(np.asarray(joint.held_tension, dtype=float), bodies.tension.shape)
+    by_current = float(joint.mode) == CURRENT
+    told = (
+        "Motors that hold currents: they pull by a tension, whatever the length. Control: more tension [N]."
+        if by_current
+        else "Motors that hold positions: cable and servo in series are one spring, slack beyond its rest length. "
+        "Control: what the motor takes up beyond this pretension [m]; negative lets go."
+    )
+    _remark(actuators, told)
+    for i, end in enumerate(bodies.cable_end):
+        most = _MOST_N if float(joint.mode) in (POSITION, CURRENT) else float(held[i])
+        gain, bias = (-1.0, (-bodies.tension[i], 0.0, 0.0)) if by_current else (-k, (k * end, -k, 0.0))
+        _add(
+            actuators,
+            "general",
+            name=f"motor{i + 1}",
+            tendon=f"tendon{i + 1}",
+            gainprm=_text(gain),
+            biastype="affine",
+            biasprm=_text(*bias),
+            forcerange=_text(-most, 0.0),
+        )
+    duty = float(joint.duty_torque)
+    _remark(actuators, "The drive's position loop with its limit of duty. Control: angle of the lever [rad].")
+    _add(
+        actuators,
+        "position",
+        name="drive",
+        joint="lever",
+        kp=_text(float(joint.position_gain) * duty),
+        forcerange=_text(-duty * float(joint.duty_limit), duty * float(joint.duty_limit)),
+    )
+
+
+def hinge_springs(bodies: Bodies) -> dict[str, tuple[float, float]]:
+    """Return (stiffness [N m/rad], damping [N m s/rad]) by hinge that give a rigid head and lever on the pivots, under
+    gravity, frequency and damping of their modes."""
+    found = {}
+    for pivot in bodies.pivots:
+        sways = pivot.reach > 0
+        inertia = turned = 0.0
+        for mass, height, tensor in (bodies.head, bodies.lever):
+            about = tensor @ pivot.axis**2
+            inertia += float(about) + (mass * (pivot.reach + height) ** 2 if sways else 0.0)
+            turned += mass * STANDARD_GRAVITY * (pivot.reach + height) if sways else 0.0
+        omega = math.tau * pivot.frequency_hz
+        found[pivot.name] = omega**2 * inertia + turned, 2 * pivot.damping * omega * inertia
+    return found
+
+
+def write_urdf(bodies: Bodies, heading: Sequence[str]) -> str:
+    """Return the URDF of a straight joint: head and lever on hinges that stand for its sways and its torsion.
+
+    Raises SpecError for a bent joint, whose modes are no hinges.
+    """
+    if not bodies.pivots:
+        raise SpecError(
+            "found a bent joint, expected a straight one: URDF has hinges alone; write MJCF, or leave out the bend"
+        )
+    springs = hinge_springs(bodies)
+    root = ET.Element("robot", name="sinew")
+    told = [
+        f"- {p.name}: {springs[p.name][0]:.6g} N m/rad for {p.frequency_hz:.4g} Hz, {springs[p.name][1]:.4g} N m s/rad "
+        f"for D = {p.damping:.3g}"
+        for p in bodies.pivots
+    ]
+    lacks = [
+        "URDF knows neither tendons nor springs: give these to your simulator's joints, with gravity on:",
+        *told,
+        "Hinges stand for the modes of small motion about this rest, the torsion for a swing of "
+        f"{math.degrees(bodies.swing):.3g} deg. The silicone's",
+        "own mass is in the stiffnesses alone. Not in it: hardening, slack tendons, memory, hysteresis, bent poses.",
+    ]
+    _remark(root, "\n  ".join(["", *heading, *lacks]) + "\n")
+    _add(root, "link", name="world")
+    _add(root, "link", name="base")
+    _urdf_joint(
+        root, "upright", "fixed", ("world", "base"), np.zeros(3), rpy=f"{-math.pi / 2:.15g} {-math.pi / 2:.15g} 0"
+    )
+    parent, height = "base", 0.0
+    for i, pivot in enumerate(bodies.pivots):
+        last = i == len(bodies.pivots) - 1
+        link, at = ("head" if last else f"{pivot.name}_link"), float(bodies.plate[0]) - pivot.reach
+        _urdf_link(root, link, bodies.head if last else (_NO_MASS, 0.0, np.full(3, _NO_MASS)))
+        joint = _urdf_joint(root, pivot.name, "revolute", (parent, link), (at - height) * _UP, axis=pivot.axis)
+        _add(joint, "limit", lower="-1.6", upper="1.6", effort="100", velocity="100")
+        _add(joint, "dynamics", damping=_text(springs[pivot.name][1]), friction="0")
+        parent, height = link, at
+    mass, above, tensor = bodies.lever
+    _urdf_link(root, "lever", (mass, 0.0, tensor))
+    joint = _urdf_joint(root, "lever", "revolute", ("head", "lever"), above * _UP, axis=_UP)
+    most = float(bodies.joint.duty_torque * bodies.joint.duty_limit)
+    _add(joint, "limit", lower="-1.6", upper="1.6", effort=_text(most), velocity="100")
+    slope, friction = bodies.joint.speed_slope, bodies.joint.drive_friction
+    _add(joint, "dynamics", damping=_text(slope), friction=_text(friction))
+    return _document(root)
+
+
+def _urdf_link(root: ET.Element, name: str, body: tuple[float, float, Array]) -> None:
+    mass, height, (x, y, z) = body
+    inertial = _add(_add(root, "link", name=name), "inertial")
+    _add(inertial, "origin", xyz=_text(height, 0, 0), rpy="0 0 0")
+    _add(inertial, "mass", value=_text(mass))
+    _add(inertial, "inertia", ixx=_text(x), iyy=_text(y), izz=_text(z), ixy="0", ixz="0", iyz="0")
+
+
+def _urdf_joint(
+    root: ET.Element,
+    name: str,
+    kind: str,
+    links: tuple[str, str],
+    place: Array,
+    *,
+    axis: Array | None = None,
+    rpy: str = "0 0 0",
+) -> ET.Element:
+    joint = _add(root, "joint", name=name, type=kind)
+    _add(joint, "parent", link=links[0])
+    _add(joint, "child", link=links[1])
+    _add(joint, "origin", xyz=_text(*place), rpy=rpy)
+    if axis is not None:
+        _add(joint, "axis", xyz=_text(*axis))
+    return joint
+
+
+def _lacks(bodies: Bodies) -> list[str]:
+    """Return sentences on what the model does not have."""
+    degrees = math.degrees(bodies.swing)
+    return [
+        "What it lacks beside Sinew's twin:",
+        f"- hysteresis of the guides: in its place spring and damper of a swing of {degrees:.3g} deg; smaller swings",
+        "  of the twin are stiffer and less damped, larger ones softer",
+        "- the silicone's slower and faster memory: storage and loss are right at the frequencies named below",
+        "- the silicone's springs are linear about this rest: further from it they do not harden or soften",
+        "- delays, noise and filters of sensors",
+    ]
+
+
+def _document(root: ET.Element) -> str:
+    ET.indent(root, "  ")
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def model_document(bodies: Bodies) -> dict[str, Any]:
+    """Return what a model was made of, as JSON holds it."""
+    return {
+        "pieces": len(bodies.links),
+        "time_step_s": time_step(bodies),
+        "head_mm": [1e3 * float(x) for x in bodies.plate],
+        "tension_n": [float(x) for x in bodies.tension],
+        "cable_end_mm": [1e3 * float(x) for x in bodies.cable_end],
+        "frequency_hz": {pivot.name: float(pivot.frequency_hz) for pivot in bodies.pivots},
+        "damping_ratio": {pivot.name: float(pivot.damping) for pivot in bodies.pivots},
+    }
+
+
+def export_model(
+    rig: RigSpec,
+    path: Path | str,
+    pretension_mm: float = 6.0,
+    *,
+    bend_deg: float = 0.0,
+    azimuth_deg: float = 0.0,
+    mode: TendonMode = "position",
+    swing_deg: float = 10.0,
+    pieces: int = PIECES,
+    sway: bool = True,
+) -> Bodies:
+    """Write a rig's joint as a simulator's model, MJCF (.xml, .mjcf) or URDF (.urdf), and return what it was made of.
+
+    pretension_mm: common take-up of the tendons. bend_deg, azimuth_deg: pose in which it rests. mode: of the tendons'
+    motors. swing_deg: torsion for which guides have a spring and a damper. pieces: of the silicone. sway: False for a
+    joint that twists and sinks only, of rigs that do not tell their masses. Raises SpecError where the rig has no
+    such pose, or the name ends otherwise; FileError where it cannot be written.
+
+    >>> import tempfile
+    >>> import sinew as sn
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = sn.export_model(sn.load_rig("paper"), f"{folder}/joint.xml", 6.0, sway=False)
+    >>> round(made.torsion_hz, 1)
+    3.6
+    """
+    file = as_path(path)
+    if file.suffix not in ENDINGS:
+        raise SpecError(f"the model's name is {file}, expected one that ends with {', '.join(ENDINGS)}")
+    bodies = joint_bodies(
+        rig,
+        pretension_mm,
+        bend_deg=bend_deg,
+        azimuth_deg=azimuth_deg,
+        mode=mode,
+        swing_deg=swing_deg,
+        pieces=pieces,
+        sway=sway,
+    )
+    pose = f", bent by {bend_deg:g} deg towards {azimuth_deg:g} deg" if bend_deg else ""
+    heading = [
+        f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",
+    ]
+    text = {"mjcf": write_mjcf, "urdf": write_urdf}[ENDINGS[file.suffix]](bodies, heading)
+    write_atomically(file, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    return bodies

@@ -1,0 +1,104 @@
+"""Tables of results in LaTeX and CSV, read back."""
+
+import csv
+import io
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import sinew as sn
+from sinew.measure.errors import SpecError
+from sinew.measure.estimate import Estimate, parenthesised
+from sinew.measure.files.tables import csv_table, latex_table, tables_of
+
+DOCUMENT: dict[str, Any] = {
+    "kind": "recording",
+    "resonance": [
+        {"pretension_mm": 0.0, "resonance_hz": Estimate(3.0213, 0.0203, 2.98, 3.06).to_json(), "settled": True},
+        {
+            "pretension_mm": 6.0,
+            "resonance_hz": Estimate(3.5844, math.nan, math.nan, math.nan).to_json(),
+            "settled": False,
+        },
+    ],
+    "energy": {"idle_power_w": 0.3, "pretensions": [{"pretension_mm": 6.0, "note": "50 % of λ_1 & more"}]},
+    "parameters": {"stiffness_n_m_rad": Estimate.normal(4.531, 0.027).to_json()},
+}
+
+
+def read(text: str) -> tuple[float, float]:
+    r"""Return (value, uncertainty) of siunitx's "3.021(20)e+03", the digits in brackets counting from the last one."""
+    digits, brackets, power = re.fullmatch(r"(-?[\d.]+)\((\d+)\)(?:e([+-]\d+))?", text).groups()  # type: ignore[union-attr]
+    last = 10.0 ** -len(digits.partition(".")[2])
+    scale = 10.0 ** int(power or 0)
+    return float(digits) * scale, int(brackets) * last * scale
+
+
+@given(st.floats(1e-6, 1e9), st.floats(1e-4, 0.5), st.sampled_from([1, -1]))
+def test_a_number_with_its_uncertainty_in_brackets_reads_back(size: float, share: float, sign: int) -> None:
+    value, std = sign * size, share * size
+    told, half = read(parenthesised(value, std))
+    assert abs(told - value) <= 0.51 * std
+    assert half == pytest.approx(std, rel=0.14)  # one digit from 3.55 on rounds by half of it
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (3.0213, 0.0203, "3.021(20)"),
+        (2.306, 0.0415, "2.31(4)"),
+        (12340.0, 123.0, "12340(120)"),
+        (-1.23456e8, 4.4e6, "-1.23(4)e+08"),
+        (3.5844, 0.0, "3.584"),
+    ],
+)
+def test_digits_follow_the_uncertainty(value: float, std: float, text: str) -> None:
+    assert parenthesised(value, std) == text
+
+
+def test_every_list_of_rows_and_group_of_quantities_is_a_table() -> None:
+    assert [one.name for one in tables_of(DOCUMENT)] == ["resonance", "energy_pretensions", "parameters"]
+
+
+def test_a_latex_table_has_siunitx_numbers_and_units() -> None:
+    lines = latex_table(tables_of(DOCUMENT, ["resonance"])[0]).splitlines()
+    assert lines[6].strip() == r"pretension / \unit{mm} & resonance / \unit{Hz} & settled \\"
+    assert [lines[8].strip(), lines[9].strip()] == [
+        r"\num{0} & \num{3.021(20)} & yes \\",
+        r"\num{6} & \num{3.584} & no \\",
+    ]
+
+
+def test_a_table_of_quantities_has_the_unit_beside_the_name() -> None:
+    assert r"stiffness / \unit{N.m/rad} & \num{4.531(27)} \\" in latex_table(tables_of(DOCUMENT, ["parameters"])[0])
+
+
+def test_texts_are_escaped_for_latex() -> None:
+    assert r"50 \% of $\lambda$\_1 \& more" in latex_table(tables_of(DOCUMENT, ["energy_pretensions"])[0])
+
+
+def test_a_csv_table_reads_back_with_every_digit() -> None:
+    rows = list(csv.DictReader(io.StringIO(csv_table(tables_of(DOCUMENT, ["resonance"])[0]))))
+    told = DOCUMENT["resonance"][0]["resonance_hz"]
+    names = ("resonance_hz", "resonance_hz_std", "resonance_hz_low90", "resonance_hz_high90")
+    assert [float(rows[0][name]) for name in names] == [told["value"], told["std"], *told["interval90"]]
+
+
+def test_what_is_not_known_is_an_empty_cell_of_csv() -> None:
+    rows = list(csv.DictReader(io.StringIO(csv_table(tables_of(DOCUMENT, ["resonance"])[0]))))
+    assert (rows[1]["resonance_hz"], rows[1]["resonance_hz_std"]) == ("3.5844", "")
+
+
+def test_each_table_gets_a_csv_file_of_its_own(tmp_path: Path) -> None:
+    files = sn.export_table(DOCUMENT, tmp_path / "mine.csv")
+    assert [one.name for one in files] == ["mine-resonance.csv", "mine-energy_pretensions.csv", "mine-parameters.csv"]
+
+
+def test_a_part_that_is_not_there_is_refused_with_those_that_are() -> None:
+    with pytest.raises(SpecError, match="expected one of resonance, energy_pretensions, parameters"):
+        tables_of(DOCUMENT, ["gain"])
