@@ -40,7 +40,7 @@ RESOLUTION = Resolution(
 )
 """Waves for a rig's joint; the tolerance is far below what a rig repeats to.
 
-Half the samples take half the time and move no gain by 1e-4, but the multipliers of fast motions by a tenth.
+Half the samples move no gain by 1e-4, but the multipliers of fast motions by a tenth.
 """
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
@@ -77,13 +77,13 @@ def _bristles(count: int) -> tuple[Coordinate, ...]:
 @cache
 def free_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever is moved by its servo; bristles: of its guides' friction."""
-    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2)
+    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2, sparse=True)
 
 
 @cache
 def prescribed_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever follows its command exactly."""
-    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed)
+    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed, sparse=True)
 
 
 _Driven = TypeVar("_Driven", Parameters, "_Measured")
@@ -162,7 +162,7 @@ def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> ja
 @cache
 def _measured_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever moves as it was measured."""
-    return Equations(prescribed_lever(bristles).coordinates, _rates)
+    return Equations(prescribed_lever(bristles).coordinates, _rates, sparse=True)
 
 
 def lever_problem(

@@ -38,7 +38,7 @@ from sinew.solve.examination import (
     rows_of,
 )
 from sinew.solve.landmark import FOLD, QUARTER, guesses
-from sinew.twin.cache import configure
+from sinew.twin.cache import use_all_cores
 from sinew.twin.parameters import Effects
 
 
@@ -155,7 +155,7 @@ def predict_rig(rig: RigSpec, asked: RigAsked) -> Predicted:
             f"found mode {asked.mode!r}, {asked.amplitude_deg:g}° and a band from {low:g} to {high:g} Hz; expected one "
             f"of {', '.join(TENDON_MODES)}, a positive angle, and two positive frequencies, the lower first"
         )
-    configure()
+    use_all_cores()
     problem = joint_problem(
         rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, mode=asked.tendon_mode, effects=asked.effects
     )

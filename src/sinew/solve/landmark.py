@@ -60,32 +60,38 @@ def locate(
     x: (k, m + 1), on or near the curve. normal: tangents of the curve there, (k, m + 1). kind: of each, (k,).
     lane: with a leading axis k.
     """
-    count, peak = len(x), kind == PEAK
-    tangent, last = normal, np.zeros_like(x)
-    best, error = x.copy(), np.full(count, np.inf)
-    last[:, -1] = 1.0
-    thrice = rows_of(lane, np.tile(np.arange(count), 3))
+    best, error = x.copy(), np.full(len(x), np.inf)
+    there, tangents, left = x.copy(), normal.copy(), np.arange(len(x))
     for _ in range(_STEPS):
-        ahead, behind = x + search.nudge * tangent, x - search.nudge * tangent
-        seen = evaluate(np.concatenate([x, ahead, behind]), thrice, equations, size)
-        slope = seen.slope[:count]
-        matrix = np.concatenate([slope, normal[:, None, :]], axis=1)
-        tangent = solved(matrix, last)
-        up = _height(x, peak, equations, size.harmonics)
-        bend = np.subtract(*(_height(z, peak, equations, size.harmonics) for z in (ahead, behind)))
-        back = solved(matrix.transpose(0, 2, 1), up)[:, :-1]
-        turn = np.einsum("ki,kij->kj", back, seen.slope[count : 2 * count] - seen.slope[2 * count :])
-        product, by_phase = lag_product(x, equations, size.harmonics)
-        quarter = (kind == QUARTER)[:, None]
-        g = np.where(quarter, product.real[:, None], np.sum(up * tangent, axis=1)[:, None])
-        g_slope = np.where(quarter, by_phase, (bend - turn) / (2 * search.nudge))
+        now, across, own = there[left], normal[left], rows_of(lane, left)
+        quarter, peak = kind[left] == QUARTER, kind[left] == PEAK
+        bent = np.flatnonzero(~quarter)  # whose condition has derivatives along the curve in it
+        nudge = search.nudge * tangents[left[bent]]
+        beside = [now[bent] + nudge, now[bent] - nudge]
+        lanes = rows_of(own, np.concatenate([np.arange(left.size), bent, bent]))
+        seen = evaluate(np.concatenate([now, *beside]), lanes, equations, size)
+        slope, ahead, behind = np.split(seen.slope, [left.size, left.size + bent.size])
+        matrix = np.concatenate([slope, across[:, None, :]], axis=1)
+        last = np.zeros_like(now)
+        last[:, -1] = 1.0
+        tangents[left] = tangent = solved(matrix, last)
+        product, g_slope = lag_product(now, equations, size.harmonics)
+        up = _height(now, peak, equations, size.harmonics)
+        g = np.where(quarter, product.real, np.sum(up * tangent, axis=1))
+        bend = np.subtract(*(_height(z, peak[bent], equations, size.harmonics) for z in beside))
+        back = solved(matrix[bent].transpose(0, 2, 1), up[bent])[:, :-1]
+        turn = np.einsum("ki,kij->kj", back, ahead - behind)
+        g_slope[bent] = (bend - turn) / (2 * search.nudge)
         change = solved(
-            np.concatenate([slope, g_slope[:, None, :]], axis=1), -np.concatenate([seen.left[:count], g], axis=1)
+            np.concatenate([slope, g_slope[:, None, :]], axis=1),
+            -np.concatenate([seen.left[: left.size], g[:, None]], axis=1),
         )
         length = np.linalg.norm(change, axis=1)
-        x = x + change * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
-        better = length < error
-        best[better], error[better] = x[better], length[better]
+        there[left] += change * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
+        better = left[length < error[left]]
+        settled = quarter & (np.maximum(length, error[left]) < search.enough)  # twice: one more step is free of kinks
+        best[better], error[better] = there[better], length[length < error[left]]
+        left = left[~settled]
         if np.all(error < search.enough):
             break
     size_there = half_range(best, equations, size.harmonics).value

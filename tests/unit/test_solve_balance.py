@@ -1,0 +1,50 @@
+"""Derivatives of the harmonic balance, and the map of disturbances about a motion."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from sinew.solve.balance import Coordinate, Equations, Lane, Size, balance, size_of, unknowns
+from sinew.solve.examination import half_map
+from sinew.twin.cache import configure
+
+configure()
+LANE = Lane({"k": 40.0, "d": 0.3}, jnp.array([0.4, 0.02, 0.7]), jnp.asarray(5.0))
+
+
+def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: dict[str, float]) -> jax.Array:
+    twist, speed, lagging, rise, rise_speed, bristle = (u[k] for k in range(6))
+    turning = jnp.sin(phase) * omega - p["k"] * twist - p["d"] * speed - 3 * (twist - lagging) - 9 * rise * twist
+    rising = -90 * rise - rise_speed + twist**2
+    return jnp.stack([turning - bristle, rising, (speed - jnp.abs(speed) * bristle) / 0.2])
+
+
+MIXED = Equations(
+    (Coordinate("twist", "odd", 2, (0.1,)), Coordinate("rise", "even", 2), Coordinate("bristle", "odd", 1)), _rates
+)
+
+
+@pytest.mark.parametrize("sparse", [False, True], ids=["all channels at once", "channel by channel"])
+@pytest.mark.parametrize("parities", ["as they are", "all"])
+def test_the_slope_is_the_derivative_of_what_is_left_over(sparse: bool, parities: str) -> None:
+    coordinates = MIXED.coordinates
+    if parities == "all":
+        coordinates = tuple(one._replace(parity="all") for one in coordinates)
+    equations, size = MIXED._replace(coordinates=coordinates, sparse=sparse), Size(5, 24)
+    x = jnp.asarray(np.append(np.random.default_rng(1).normal(0, 0.3, unknowns(equations, 5)), 1.2))
+    derived = jax.jit(jax.jacfwd(lambda x: balance(x, LANE, equations, size).left))(x)
+    slope = jax.jit(lambda x: balance(x, LANE, equations, size).slope)(x)
+    assert np.asarray(slope) == pytest.approx(np.asarray(derived), rel=1e-9, abs=1e-9)
+
+
+def test_the_map_of_equations_that_do_not_change_is_their_exponential() -> None:
+    local = np.random.default_rng(2).normal(0, 3.0, (3, 6))
+    generator = np.zeros((size_of(MIXED), size_of(MIXED)))
+    generator[0, 1] = generator[3, 4] = 1.0
+    generator[2, [0, 2]] = 10.0, -10.0
+    generator[[1, 4, 5]] = local
+    turned = np.diag([-1.0, -1, -1, 1, 1, -1])
+    found = half_map(jnp.asarray(np.repeat(local[:, :, None], 256, axis=2)), jnp.asarray(4.0), MIXED)
+    assert np.asarray(found) == pytest.approx(turned @ expm(generator * np.pi / 4.0), rel=1e-9, abs=1e-9)
