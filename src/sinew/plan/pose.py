@@ -106,5 +106,5 @@ class Pose(Settings):
         return {"bend_deg": bend, "azimuth_deg": azimuth, "pitch_deg": pitch, "roll_deg": roll}
 
 
-STRAIGHT = Pose(bend_deg=0.0, azimuth_deg=0.0)
+STRAIGHT: Pose = Pose(bend_deg=0.0, azimuth_deg=0.0)
 """The pose of a plan that says nothing of one."""
