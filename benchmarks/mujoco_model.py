@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from sinew.measure.arrays import Array
+from sinew.measure.schema import SegmentKind
 from sinew.mechanics.space import twist_and_tilt
 from sinew.plan.plan import Group
 from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing
@@ -63,7 +64,7 @@ def swung(bodies: Bodies, frequency_hz: float, seconds: float, stop_s: float = m
 
 def twins(rig: RigSpec, pretension_mm: float, frequencies: Sequence[float], ring_down: bool = False) -> list[Array]:
     """Return the twin's torsion [rad] at `SAMPLE_HZ` at each frequency of the drive [Hz]."""
-    kind = "ring-down" if ring_down else "steady"
+    kind: SegmentKind = "ring-down" if ring_down else "steady"
     groups = [
         Group(kind, pretension_mm, f, COMMAND_DEG, 0, stop_time(f) if ring_down else SETTLE_S, KEPT_S)
         for f in frequencies
@@ -157,7 +158,7 @@ def resonance_beside(rig: RigSpec, pretension_mm: float, *, sway: bool = True, p
     """Return resonance and decay of the twin and of MuJoCo. The exported guides are those of the twin's swing at its
     resonance, and for the decay of a quarter of it."""
     first = joint_bodies(rig, pretension_mm, sway=False)
-    grid = first.torsion_hz + GRID_HZ * np.arange(-5, 4)
+    grid = np.asarray(first.torsion_hz + GRID_HZ * np.arange(-5, 4), dtype=np.float64)
     ours = peak(grid, np.array([amplitude(one) for one in twins(rig, pretension_mm, list(grid))]))
     made = [
         joint_bodies(rig, pretension_mm, swing_deg=math.degrees(share * ours.amplitude), sway=sway, pieces=pieces)
@@ -233,10 +234,18 @@ POSES[12.0] = (Pose(bend_deg=10.0, azimuth_deg=45.0), Pose(bend_deg=30.0, azimut
 
 
 def main(arguments: Sequence[str] = ()) -> None:
-    """Print resonance, damping and rest poses of the exported joint in MuJoCo beside the twin's."""
+    """Print resonance, damping and rest poses of the exported joint in MuJoCo beside the twin's; `resonance` and `rest`
+    print one half."""
     if importlib.util.find_spec("mujoco") is None:
         print("MuJoCo is not installed: skipped")
         return
+    if "rest" not in arguments:
+        _print_resonances()
+    if "resonance" not in arguments:
+        _print_rests()
+
+
+def _print_resonances() -> None:
     paper = load_rig("paper")
     rigs = {"paper": paper, "softer, heavier": changed(paper, silicone__torsional_rigidity=0.22, inertia__lever=0.0105)}
     print(f"the exported joint in MuJoCo beside the twin, {PIECES} pieces, {COMMAND_DEG:g} deg; wanted: f_r within 2 %")
@@ -253,6 +262,9 @@ def main(arguments: Sequence[str] = ()) -> None:
                 f"   {c.damping:.4f}±{c.damping_std:.4f} {d.damping:.4f}±{d.damping_std:.4f}"
                 f"  {100 * found.damping_off:+5.1f} %"
             )
+
+
+def _print_rests() -> None:
     print("where the head rests, motors taking up what the twin's do: bend/deg, place/mm, tensions/N")
     for name in ("paper", "curved"):
         for p, poses in POSES.items():

@@ -120,7 +120,7 @@ def _calls(folder: Path) -> dict[str, tuple[object, ...]]:
     """Return what the pages ask of their workers, in the order in which somebody would walk through them."""
     plan, rig = dump_plan(load_plan("short")), read_spec("rigs", "rigs/paper.toml")
     return {
-        "list_runs": (str(folder),),
+        "look_at_runs": (str(folder),),
         "shelf": (str(folder),),
         "preview_document": (plan, rig),
         "prediction_for_plan": (plan, rig, 40),

@@ -91,12 +91,18 @@ def choose_plan(page: Any, name: str) -> None:
     raise AssertionError(f"no plan {name} can be chosen")
 
 
-def findings(page: Any) -> list[tuple[str, str, str]]:
-    """Return whatever axe-core finds in a page, however small."""
+def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]:
+    """Return whatever axe-core finds in a page, or within a part of it, however small."""
+    playwright = pytest.importorskip("playwright.sync_api")
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+    try:
+        found = axe.Axe().run(page, within)
+    except playwright.Error:  # on a busy computer a page that lost its server for a moment loads itself anew
+        page.wait_for_function("window.Sinew && Sinew.status()")
+        found = axe.Axe().run(page, within)
     return [
         (rule["id"], node["html"][:160], node["failureSummary"][:200])
-        for rule in axe.Axe().run(page).response["violations"]
+        for rule in found.response["violations"]
         for node in rule["nodes"]
     ]
 

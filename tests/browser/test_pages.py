@@ -382,7 +382,7 @@ def test_a_plan_is_kept_on_the_shelf_and_deleted_from_it_by_the_operator(opened:
     assert kept.read_text() == plan_text(page)
     page.click("#sinew-plan-delete")
     page.wait_for_selector("#sinew-plan-delete-sure")
-    assert findings(page) == []
+    assert findings(page, ".q-dialog") == []
     page.click("#sinew-plan-delete-sure")
     page.wait_for_function("document.querySelector('#sinew-plan-state').textContent.startsWith('Unchanged')")
     assert not kept.exists()

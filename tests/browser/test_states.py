@@ -762,11 +762,13 @@ def test_axe_finds_nothing_in_any_state(opened: Open, stage: Stage, name: str, s
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("what", [*OPEN, "no such page", "sign-in page"])
+@pytest.mark.parametrize("what", [*OPEN, "no such page", "sign-in page", "help"])
 def test_axe_finds_nothing_where_something_lies_over_or_is_missing(
     opened: Open, stage: Stage, what: str, theme: str
 ) -> None:
-    path, open_it = OPEN.get(what, ({"no such page": "/no-such-page"}.get(what, "/login"), lambda _: None))
+    path, open_it = OPEN.get(
+        what, ({"no such page": "/no-such-page", "help": "/help"}.get(what, "/login"), lambda _: None)
+    )
     page = opened(stage, path, theme=theme)
     page.wait_for_timeout(3000)
     open_it(page)

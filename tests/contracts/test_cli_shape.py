@@ -16,8 +16,8 @@ from sinew.apps.cli import app, main
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export",
-    "film", "gait", "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce",
-    "run", "runs", "serve", "simulate", "stop", "track", "transfer", "tune", "workspace",
+    "film", "gait", "identify", "import", "joint", "look", "model", "modes", "pose", "predict", "report", "reproduce",
+    "run", "runs", "serve", "simulate", "stop", "stream", "table", "track", "transfer", "tune", "workspace",
 )  # fmt: skip
 
 

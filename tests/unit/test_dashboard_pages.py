@@ -263,6 +263,24 @@ def test_groups_that_are_not_analysed_yet_are_asked_for_again() -> None:
     assert times_asked() == 2
 
 
+def test_a_group_that_is_recorded_while_others_are_analysed_is_analysed_too() -> None:
+    class Slow(FakeWork):
+        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
+            if name == "measured_so_far" and results.hub.live is not None:
+                results.hub.live.groups_done = max(4, results.hub.live.groups_done)
+            return await super().call(name, *arguments, key=key)
+
+    work = Slow()
+    work.pending = []
+    results = results_with(work)
+
+    def times_asked() -> int:
+        return sum(name == "measured_so_far" for name, _ in work.asked)
+
+    asyncio.run(followed(results, lambda: times_asked() == 2))
+    assert times_asked() == 2
+
+
 def test_a_curve_has_the_number_of_its_pretension_in_the_plan() -> None:
     results = results_with(FakeWork())
     asyncio.run(followed(results, lambda: results.predicted and results.measured))

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from benchmarks.serve import _calls
 from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
@@ -199,3 +200,7 @@ def test_every_call_is_a_function_with_a_docstring_and_has_a_pool(name: str) -> 
 
     assert CALLS[name].pool in POOLS
     assert getattr(importlib.import_module(CALLS[name].module), name).__doc__
+
+
+def test_what_the_benchmark_asks_of_workers_can_be_asked(tmp_path: Path) -> None:
+    assert set(_calls(tmp_path)) <= set(CALLS)

@@ -5,6 +5,7 @@ does not depend on who computes it, nor on how many do, and may be asked of anot
 some milliseconds for each; tasks of seconds to minutes are what it is for.
 """
 
+import asyncio
 import hashlib
 import io
 import logging
@@ -13,10 +14,10 @@ import pickle
 import sqlite3
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -28,7 +29,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -43,15 +44,16 @@ DEVICE = "SINEW_DEVICE"
 DEVICES = ("cpu", "gpu")
 
 _TIMEOUT_S = 20.0
-"""How long a scheduler, or its first worker, is waited for."""
+"""How long a scheduler is waited for."""
 
 _PATIENCE_S = 60.0
-"""The same where there was one before."""
+"""The same where there was one before, and for its first worker."""
 
 _CONNECT_S = 3.0
 
 _TRIES = 3
-"""How often processes of this computer may end, with no result in between, until a task is taken for the cause."""
+"""How often processes may end, or Dask give a task up whose workers died, with no result in between, until the task is
+taken for the cause."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Spread:
             raise SpecError(f"found the device {self.device!r}, expected one of {', '.join(DEVICES)}")
 
 
-HERE = Spread()
+HERE: Spread = Spread()
 """In this process, one task after the other, nothing kept."""
 
 
@@ -131,6 +133,7 @@ def each_task(
                     told()
                     yield place, pickle.loads(blob)
         do = partial(_do, function, spread.device)
+        come: Generator[tuple[int, R], None, None]
         if spread.scheduler is not None:
             come = _on_cluster(partial(_do_there, function, spread.device, source), waiting, spread.scheduler)
         elif spread.workers > 1 and len(waiting) > 1:
@@ -152,7 +155,7 @@ def _do(function: Callable[[T], R], device: str, task: T) -> R:
     return function(task)
 
 
-def _do_there(function: Callable[[T], R], device: str, source: str, task: T) -> R:
+def _do_there(function: Callable[[T], R], device: str, source: str | None, task: T) -> R:
     """Return a task's result, computed on a worker. Raises SpecError where it would be another program's."""
     os.environ.setdefault(CORES, "1")
     if source_of(function) != source:
@@ -166,7 +169,9 @@ def _do_there(function: Callable[[T], R], device: str, source: str, task: T) -> 
 # ---- processes of this computer
 
 
-def _in_processes(function: Callable[[T], R], waiting: dict[int, T], workers: int) -> Iterator[tuple[int, R]]:
+def _in_processes(
+    function: Callable[[T], R], waiting: dict[int, T], workers: int
+) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
     share, tries = max(1, cores() // workers), 0
     while waiting:
@@ -218,19 +223,18 @@ class _LostError(Exception):
     """The scheduler went, and with it all that it knew."""
 
 
-def _on_cluster(function: Callable[[T], R], waiting: dict[int, T], address: str) -> Iterator[tuple[int, R]]:
+def _on_cluster(
+    function: Callable[[T], R], waiting: dict[int, T], address: str
+) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) as they come. Dask asks others for what a worker that died was at; where the scheduler
     dies, a new one at the same address is handed what is not here yet."""
     begun = False
     while waiting:
-        with _client(address, begun) as client:
+        with suppress(_LostError), _client(address, begun) as client:
             begun = True
-            try:
-                for place, result in _gathered(client, function, waiting):
-                    del waiting[place]
-                    yield place, result
-            except _LostError:
-                continue
+            for place, result in _gathered(client, function, waiting):
+                del waiting[place]
+                yield place, result
 
 
 @contextmanager
@@ -254,33 +258,56 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
                     f"found no Dask scheduler at {address} within {patience:g} s; start one (dask scheduler) and give "
                     f"its address, as tcp://host:8786{kept}"
                 ) from error
+            time.sleep(0.1)
     with client:
         try:
-            client.wait_for_workers(1, timeout=max(1.0, until - time.monotonic()))
-        except OSError as error:
+            client.wait_for_workers(1, timeout=_PATIENCE_S)
+        except TimeoutError as error:
             raise SpecError(
                 f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){kept}"
             ) from error
+        except OSError as error:
+            raise _LostError from error
         yield client
 
 
 def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int, T]) -> Iterator[tuple[int, R]]:
     """Yield (place, result) as they come. Raises _LostError where the scheduler is gone."""
     from distributed import as_completed as completed
+    from distributed.scheduler import KilledWorker
 
-    places, tasks = list(waiting), list(waiting.values())
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
-        futures = client.map(function, tasks, pure=False)
-    place_of = dict(zip((future.key for future in futures), places, strict=True))
-    for future, result in completed(futures, loop=client.loop, with_results=True, raise_errors=False):
-        if future.status == "finished":
+    place_of: dict[Any, int] = {}
+
+    def handed(places: Sequence[int]) -> "list[Future]":
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
+            futures = client.map(function, [waiting[place] for place in places], pure=False)
+        place_of.update(zip((future.key for future in futures), places, strict=True))
+        return list(futures)
+
+    tries = 0
+    # Not `with_results`: a result that was being fetched when the scheduler went would be waited for for ever.
+    coming = completed(handed(list(waiting)), loop=client.loop)
+    for batch in coming.batches():
+        here = [future for future in batch if future.status == "finished"]
+        try:
+            results = client.gather(here)
+        except (OSError, asyncio.CancelledError, CancelledError) as error:
+            raise _LostError from error
+        for future, result in zip(here, results, strict=True):
+            tries = 0
             yield place_of[future.key], result
             future.release()
-        elif future.status == "error":
-            _raise_of(result[1])
-        else:
-            raise _LostError
+        for future in batch:
+            if any(future is one for one in here):
+                continue
+            if future.status != "error":
+                raise _LostError
+            raised = future.exception()
+            if not isinstance(raised, KilledWorker) or tries == _TRIES:
+                _raise_of(raised)
+            tries += 1  # by itself, or by chance: that is not known
+            coming.update(handed([place_of[future.key]]))
 
 
 def _raise_of(error: BaseException) -> None:

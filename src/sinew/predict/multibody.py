@@ -19,14 +19,14 @@ from typing import Any, Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sinew import __version__
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
-from sinew.measure.files.netcdf import write_atomically
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
 from sinew.mechanics.rod import STRAINS, TERMS, section_springs
@@ -191,7 +191,10 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     hz = float(found.natural_frequency_hz)
     total = float(found.tension_n) * rig.tendons.count
     stretch = 1 - sunk / length
-    twist, axial = float(twist_rigidity(stretch, p)) / length, float(p.axial_rigidity) * (1 + 2 * stretch**-3) / length
+    twist, axial = (
+        float(twist_rigidity(jnp.asarray(stretch), p)) / length,
+        float(p.axial_rigidity) * (1 + 2 * stretch**-3) / length,
+    )
     grip = float(p.mode != CURRENT) * rig.tendons.count * float(p.stiffness)
     bounce_hz = math.sqrt((axial + grip) / float(p.head_mass)) / math.tau
     memory = _memories(("twist", "stretch"), np.array([[twist, float(axial_stiffness(p))]]), (hz, bounce_hz), p)
@@ -331,7 +334,7 @@ def _chain(
     stretch = strains[:, 3]
     own = strains - strains_at(np.zeros_like(q), space, middle)
     own[:, :3] /= length
-    springs = section_springs(own, space.rod)
+    springs = section_springs(jnp.asarray(own), space.rod)
     piece = length / pieces
     load = float(space.head_mass) + float(space.lever_mass)
     stiff_axial = float(np.asarray(springs.stiffness)[:, 3].mean()) / length
@@ -383,7 +386,7 @@ def _tendon_lengths(bodies: Bodies) -> Array:
 # ---- writing
 
 
-def _text(*values: float) -> str:
+def _text(*values: Any) -> str:
     return " ".join(f"{float(value) if abs(value) > _NOTHING else 0.0:.9g}" for value in values)
 
 
@@ -777,5 +780,5 @@ def export_model(
         f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",
     ]
     text = {"mjcf": write_mjcf, "urdf": write_urdf}[ENDINGS[file.suffix]](bodies, heading)
-    write_atomically(file, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_text(file, text)
     return bodies

@@ -338,7 +338,8 @@ class Results:
             if live is not None and live.epoch != epoch:
                 epoch, done = live.epoch, -1
             if live is not None and begins is None and live.groups_done != done:
-                done = live.groups_done if await self._measure(live) else -1
+                recorded = live.groups_done  # more may be by the time these are analysed
+                done = recorded if await self._measure(live) else -1
             await asyncio.sleep(_LOOK_S)
 
     def _begins(self) -> "_Begun | None":

@@ -13,10 +13,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import UNKNOWN, number, parenthesised
-from sinew.measure.files.netcdf import write_atomically
 
 FORMATS = {"latex": ".tex", "csv": ".csv"}
 
@@ -204,5 +203,5 @@ def export_table(document: Mapping[str, Any], path: Path | str, parts: Sequence[
     else:
         raise SpecError(f"the table's name is {file}, expected one that ends with {' or '.join(FORMATS.values())}")
     for one, text in texts.items():
-        write_atomically(one, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8"))
+        write_text(one, text)
     return list(texts)

@@ -352,7 +352,7 @@ class _Sliders:
         if best is None:
             self._suggestion.set_text(found["sentence"])
             return
-        said = f"{quantity(best, 'mm')}: " if best.get("interval90") else ""
+        said = f"{quantity(best, 'mm')}: " if None not in (best.get("interval90") or [None]) else ""
         self._suggestion.set_text(f"{said}{found['sentence']}")
         self._best = round(best["value"], 2)
         self._use.set_visibility(True)

@@ -10,6 +10,7 @@ from nicegui import events, ui
 from starlette.requests import Request
 
 from sinew.analysis.run_index import COMMON, QUANTITIES
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.hub import basis_of, numbered
 from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.operators import is_run_name
@@ -115,7 +116,8 @@ class _List:
             )
         with ui.element("div").classes("sinew-grid"):
             with card("Over months", 12):
-                names = {one: f"{QUANTITIES[one].words} {QUANTITIES[one].called[0]}" for one in COMMON}
+                names = {one: f"{QUANTITIES[one].words}, {QUANTITIES[one].called[0]}" for one in COMMON}
+                names["gain_peak"] = QUANTITIES["gain_peak"].words
                 self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
                 self._quantity.props("inline")
                 self._quantity.on_value_change(self._draw_trend)
@@ -353,7 +355,7 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
                 _about(about[name], changed)
         for name, _ in found:
             _downloads(name)
-    if len(found) == 1 and found[0][1].get("curves"):
+    if len(found) == 1 and found[0][1].get("curves") and (site.runs / found[0][0] / JOURNAL).is_file():
         await _foretell(site, *found[0], charts, verdict)
 
 

@@ -228,9 +228,9 @@ function show() {
   chip.className = `sinew-chip ${how}`; chip.title = chip.textContent;
   const operator = status?.operator;
   const who = $("sinew-who");
-  put(who, status !== null && !status.signed_in ? "You only watch: sign in to steer" : !operator ? "Nobody is in control" : mine ? "You are in control"
+  put(who, status !== null && !status.signed_in ? "You only watch" : !operator ? "Nobody is in control" : mine ? "You are in control"
     : `Another page is in control since ${at(operator.since)}`);
-  who.title = operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
+  who.title = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
   put($("sinew-take"), mine ? "Give control up" : operator ? "Take over" : "Take control");
   $("sinew-take").disabled = reachable === false || status === null;
   const may = mine && Boolean(run);

@@ -55,12 +55,21 @@ class RunStream:
     def __init__(self, journal: Path, port: int, seconds: float) -> None:
         try:
             from foxglove import Context, start_server
+            from foxglove.websocket import ServerListener
         except ImportError as error:
             raise SinewError(
                 f"found no foxglove-sdk, which the web socket needs; install it: {how_to_install('formats')}"
             ) from error
 
         self._journal, self._seen = journal, threading.Event()
+        seen = self._seen
+
+        class Listener(ServerListener):
+            """Notices that somebody looks."""
+
+            def on_subscribe(self, client: object, channel: object) -> None:
+                seen.set()
+
         plan, rig, columns = _told_of(journal)
         self._tail = JournalTail(journal, math.ceil(seconds * plan.sample_hz))
         self._shown = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
@@ -71,7 +80,7 @@ class RunStream:
                 host=HOST,
                 port=port,
                 capabilities=[],
-                server_listener=_Listener(self._seen),
+                server_listener=Listener(),
                 context=context,
                 message_backlog_size=_BACKLOG,
             )
@@ -175,19 +184,6 @@ class RunStream:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
-
-
-class _Listener:
-    """Notices that somebody looks; the library asks for no more than the methods that are there."""
-
-    def __init__(self, seen: threading.Event) -> None:
-        self._seen = seen
-
-    def on_subscribe(self, client: object, channel: object) -> None:
-        self._seen.set()
-
-    def on_unsubscribe(self, client: object, channel: object) -> None:
-        """Viewers that leave change nothing: others may look, or come back."""
 
 
 def _told_of(journal: Path) -> tuple[Plan, RigSpec, tuple[str, ...]]:

@@ -1,0 +1,161 @@
+"""The exported joint in MuJoCo and as URDF, beside the twin."""
+
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from sinew.apps.cli import main
+from sinew.measure.errors import SpecError
+from sinew.plan.pose import Pose
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig
+from sinew.predict.modes import Asked, Finder
+from sinew.predict.multibody import Bodies, export_model, hinge_springs, joint_bodies, write_mjcf, write_urdf
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+PRETENSION_MM = 6.0
+
+
+@pytest.fixture(scope="module")
+def rig() -> RigSpec:
+    return load_rig("paper")
+
+
+@pytest.fixture(scope="module", params=[False, pytest.param(True, marks=pytest.mark.slow)], ids=["upright", "sways"])
+def bodies(rig: RigSpec, request: pytest.FixtureRequest) -> Bodies:
+    return joint_bodies(rig, PRETENSION_MM, sway=request.param)
+
+
+def forces(model: Any, data: Any, place: Any, speed: Any) -> Any:
+    data.qpos[:], data.qvel[:] = place, speed
+    mujoco.mj_forward(model, data)
+    return (data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias).copy()
+
+
+def poles(model: Any) -> Any:
+    """Return the eigenvalues [1/s] that swing, slowest first, the lever locked."""
+    data, n = mujoco.MjData(model), model.nv
+    still, mass = np.zeros(n), np.zeros((n, n))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    spring = np.array(
+        [forces(model, data, still - e, still) - forces(model, data, still + e, still) for e in 1e-6 * np.eye(n)]
+    )
+    damper = np.array([forces(model, data, still, -e) - forces(model, data, still, e) for e in 1e-3 * np.eye(n)])
+    kept = [i for i in range(n) if i != model.joint("lever").dofadr[0]]
+    k, c, m = (matrix[np.ix_(kept, kept)] for matrix in (spring.T / 2e-6, damper.T / 2e-3, mass))
+    one = np.eye(len(kept))
+    system = np.block([[0 * one, one], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+    found = np.linalg.eigvals(system)
+    return np.array(sorted((s for s in found if s.imag > 1), key=abs))
+
+
+def test_an_exported_joint_rests_where_it_is_loaded(bodies: Bodies) -> None:
+    model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
+    left = forces(model, mujoco.MjData(model), model.qpos0, np.zeros(model.nv))
+    assert np.max(np.abs(left)) < 1e-4 * float(bodies.tension.sum())
+
+
+def test_an_exported_head_stands_where_the_twins_does(bodies: Bodies) -> None:
+    model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.body("head").xpos[2] == pytest.approx(bodies.plate[0], abs=1e-8)
+
+
+def test_tendons_of_an_exported_joint_pull_as_the_twins_at_rest(bodies: Bodies) -> None:
+    model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert -data.actuator_force[:4] == pytest.approx(bodies.tension, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["position", "current"])
+def test_torsion_and_sways_of_the_chain_are_the_twins_modes(rig: RigSpec, mode: Any) -> None:
+    swing_deg = 0.1  # so small that guides hold
+    ours = Finder(rig, Asked((PRETENSION_MM,), (0.0,), 0.0, mode, swing_deg)).at(PRETENSION_MM, 0.0).modes[:3]
+    made = joint_bodies(rig, PRETENSION_MM, mode=mode, swing_deg=swing_deg)
+    theirs = poles(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))[:3]
+    # Six pieces are within 0.7 % of the rod, sways held by current the furthest off.
+    assert np.abs(theirs) / (2 * np.pi) == pytest.approx([one.frequency_hz for one in ours], rel=7e-3)
+    if mode == "position":  # held by current the two sways have one memory, at the mean of their frequencies
+        assert -theirs.real / np.abs(theirs) == pytest.approx([one.damping for one in ours], rel=0.06)
+
+
+@pytest.mark.slow
+def test_a_chain_in_a_bent_pose_rests_there(rig: RigSpec) -> None:
+    made = joint_bodies(rig, PRETENSION_MM, bend_deg=20.0, azimuth_deg=90.0)
+    model = mujoco.MjModel.from_xml_string(write_mjcf(made, []))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    lean = math.degrees(math.acos(data.body("head").xmat.reshape(3, 3)[2, 0]))
+    assert lean == pytest.approx(20.0, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pretension_mm", [0.0, 6.0, 12.0])
+def test_mujocos_resonance_of_an_exported_joint_is_the_twins_within_two_per_cent(
+    rig: RigSpec, pretension_mm: float
+) -> None:
+    from benchmarks.mujoco_model import resonance_beside
+
+    found = resonance_beside(rig, pretension_mm, pieces=2)
+    assert abs(found.off) < 0.02
+    assert abs(found.damping_off) < 0.06
+
+
+@pytest.mark.slow
+def test_mujocos_head_bends_as_the_twins_where_its_tendons_are_taken_up(rig: RigSpec) -> None:
+    from benchmarks.mujoco_model import rest_beside
+
+    ours, theirs = rest_beside(rig, PRETENSION_MM, Pose(bend_deg=10.0, azimuth_deg=0.0), pieces=4)
+    assert theirs.bend_deg == pytest.approx(ours.bend_deg, rel=0.01)
+    assert theirs.azimuth_deg == pytest.approx(ours.azimuth_deg, abs=0.1)
+
+
+def test_hinges_of_an_urdf_swing_at_the_modes_with_the_springs_that_it_tells(bodies: Bodies) -> None:
+    model = mujoco.MjModel.from_xml_string(write_urdf(bodies, []))
+    for name, (stiffness, _) in hinge_springs(bodies).items():
+        model.jnt_stiffness[model.joint(name).id] = stiffness
+    data, n = mujoco.MjData(model), model.nv
+    still, mass = np.zeros(n), np.zeros((n, n))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    spring = np.array([forces(model, data, -e, still) - forces(model, data, e, still) for e in 1e-5 * np.eye(n)]) / 2e-5
+    few = len(bodies.pivots)
+    squares = scipy.linalg.eigh(0.5 * (spring + spring.T)[:few, :few], mass[:few, :few], eigvals_only=True)
+    wanted = sorted(pivot.frequency_hz for pivot in bodies.pivots)
+    # the two sways share their links, which the springs leave out: 5e-5
+    assert np.sqrt(squares) / (2 * np.pi) == pytest.approx(wanted, rel=1e-3)
+
+
+def test_an_urdf_says_the_springs_that_it_cannot_hold(rig: RigSpec, tmp_path: Path) -> None:
+    export_model(rig, tmp_path / "joint.urdf", PRETENSION_MM, sway=False)
+    assert "N m/rad for 3.632 Hz" in (tmp_path / "joint.urdf").read_text()
+
+
+def test_a_bent_joint_is_no_urdf(bodies: Bodies) -> None:
+    with pytest.raises(SpecError, match="URDF has hinges alone"):
+        write_urdf(bodies._replace(pivots=()), [])
+
+
+def test_the_name_of_a_rig_cannot_break_the_file(rig: RigSpec, tmp_path: Path) -> None:
+    export_model(rig.model_copy(update={"name": "a--b--->"}), tmp_path / "joint.xml", PRETENSION_MM, sway=False)
+    assert ElementTree.parse(tmp_path / "joint.xml").getroot().tag == "mujoco"
+
+
+def test_a_rig_without_its_masses_is_told_how_to_go_on(rig: RigSpec, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"no \[space\]"):
+        export_model(rig.model_copy(update={"space": None}), tmp_path / "joint.xml")
+
+
+def test_model_writes_what_mujoco_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "paper", "--out", str(tmp_path / "joint.xml"), "--no-sway"]) == 0
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "joint.xml")).nu == 5
