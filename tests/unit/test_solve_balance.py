@@ -26,13 +26,12 @@ MIXED = Equations(
 )
 
 
-@pytest.mark.parametrize("sparse", [False, True], ids=["all channels at once", "channel by channel"])
 @pytest.mark.parametrize("parities", ["as they are", "all"])
-def test_the_slope_is_the_derivative_of_what_is_left_over(sparse: bool, parities: str) -> None:
+def test_the_slope_is_the_derivative_of_what_is_left_over(parities: str) -> None:
     coordinates = MIXED.coordinates
     if parities == "all":
         coordinates = tuple(one._replace(parity="all") for one in coordinates)
-    equations, size = MIXED._replace(coordinates=coordinates, sparse=sparse), Size(5, 24)
+    equations, size = MIXED._replace(coordinates=coordinates), Size(5, 24)
     x = jnp.asarray(np.append(np.random.default_rng(1).normal(0, 0.3, unknowns(equations, 5)), 1.2))
     derived = jax.jit(jax.jacfwd(lambda x: balance(x, LANE, equations, size).left))(x)
     slope = jax.jit(lambda x: balance(x, LANE, equations, size).slope)(x)

@@ -77,13 +77,13 @@ def _bristles(count: int) -> tuple[Coordinate, ...]:
 @cache
 def free_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever is moved by its servo; bristles: of its guides' friction."""
-    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2, sparse=True)
+    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2)
 
 
 @cache
 def prescribed_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever follows its command exactly."""
-    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed, sparse=True)
+    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed)
 
 
 _Driven = TypeVar("_Driven", Parameters, "_Measured")
@@ -162,7 +162,7 @@ def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> ja
 @cache
 def _measured_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever moves as it was measured."""
-    return Equations(prescribed_lever(bristles).coordinates, _rates, sparse=True)
+    return Equations(prescribed_lever(bristles).coordinates, _rates)
 
 
 def lever_problem(

@@ -10,7 +10,7 @@ harmonics only and the even ones even harmonics only, and half a period is enoug
 """
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -44,15 +44,12 @@ class Equations(NamedTuple):
     rates(u, τ, Ω, p) returns those, (c,): u are the channels (k,) at the phase τ, coordinate by coordinate its lower
     derivatives from 0 on and then its lagging copies; p is any tree of numbers.
     response: index of the coordinate that is looked at. drive: index of the coordinate that drives, None for sin τ.
-    sparse: whether most channels enter few of the rates, and those in few places. Then slopes are taken channel by
-    channel, each with only what it touches: a joint's take a fifth of the time, and some 2 s more to compile.
     """
 
     coordinates: tuple[Coordinate, ...]
     rates: Rates
     response: int = 0
     drive: int | None = None
-    sparse: bool = False
 
 
 class Size(NamedTuple):
@@ -221,41 +218,17 @@ def motion(x: jax.Array, lane: Lane, equations: Equations, harmonics: int) -> tu
     return x[:-1] * scales(lane, equations, harmonics), x[-1] * lane.omega
 
 
-@partial(jax.jit, static_argnames="equations")
-def _columns(u: tuple[jax.Array, ...], phase: jax.Array, omega: jax.Array, p: Any, *, equations: Equations) -> Any:
-    """Return (rates, their slopes by each channel, by Ω) at one sample, all tuples of c numbers; traced once."""
-
-    @jax.jit
-    def rates(*given: jax.Array) -> tuple[jax.Array, ...]:
-        return tuple(equations.rates(given[:-1], phase, given[-1], p))  # type: ignore[arg-type]
-
-    given = (*u, omega)
-
-    def along(k: int) -> tuple[jax.Array, ...]:
-        slope: tuple[jax.Array, ...]
-        _, slope = jax.jvp(lambda one: rates(*given[:k], one, *given[k + 1 :]), (given[k],), (jnp.ones(()),))
-        return slope
-
-    *columns, by_omega = map(along, range(len(given)))
-    return rates(*given), tuple(columns), by_omega
-
-
 def _rates(
     values: jax.Array, phase: jax.Array, omega: jax.Array, p: Any, equations: Equations
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return (rates (c, n), their slopes by the channels (c, k, n), by Ω (c, n)) at samples of channels (k, n)."""
-    if equations.sparse:
-        each = jax.vmap(partial(_columns, equations=equations), in_axes=(0, 0, None, None))
-        here, columns, by_omega = each(tuple(values), phase, omega, p)
-        slopes = jnp.stack([jnp.stack(row) for row in zip(*columns, strict=True)])
-        return jnp.stack(here), slopes, jnp.stack(by_omega)
 
     def rates(values: jax.Array, phase: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
         here = equations.rates(values, phase, omega, p)
         return here, here
 
-    each = jax.vmap(jax.jacfwd(rates, argnums=(0, 2), has_aux=True), in_axes=(1, 0, None), out_axes=-1)
-    (local, by_omega), here = each(values, phase, omega)
+    at_once = jax.vmap(jax.jacfwd(rates, argnums=(0, 2), has_aux=True), in_axes=(1, 0, None), out_axes=-1)
+    (local, by_omega), here = at_once(values, phase, omega)
     return here, local, by_omega
 
 
@@ -304,7 +277,7 @@ def _hill(local: jax.Array, omega: jax.Array, equations: Equations, at: Grid, ha
             across = np.unique(np.concatenate([np.abs(h - g), h + g]))
             apart, together = np.searchsorted(across, np.abs(h - g)), np.searchsorted(across, h + g)
             waves = np.outer(at.phase, across)
-            spectrum = local[np.ix_(rows.members, columns.channels)] @ (
+            spectrum = local[np.array(rows.members)[:, None], columns.channels] @ (
                 np.concatenate([np.cos(waves), np.sin(waves)], axis=1) / at.phase.size
             )
             real, imaginary = (

@@ -135,9 +135,10 @@ _INTERVALS = 64
 @cache
 def _poles() -> tuple[tuple[complex, complex], ...]:
     """Return (pole r, weight w) of the (4, 4) Padé approximant of exp, the upper ones of pairs."""
-    upper = np.polynomial.Polynomial([1, 1 / 2, 3 / 28, 1 / 84, 1 / 1680])
-    lower = np.polynomial.Polynomial(upper.coef * (-1.0) ** np.arange(5))
-    return tuple((complex(r), complex(upper(r) / lower.deriv()(r))) for r in lower.roots() if r.imag > 0)
+    upper = np.array([1 / 1680, 1 / 84, 3 / 28, 1 / 2, 1])
+    lower = upper * np.array([1.0, -1.0, 1.0, -1.0, 1.0])
+    roots = [complex(r) for r in np.roots(lower)]
+    return tuple((r, complex(np.polyval(upper, r) / np.polyval(np.polyder(lower), r))) for r in roots if r.imag > 0)
 
 
 def _resolved(pole: complex, h: jax.Array, equations: Equations) -> tuple[jax.Array, jax.Array, NDArray[np.int64]]:
@@ -169,7 +170,7 @@ def _divided(table: jax.Array) -> jax.Array:
         size = real[:, k, k] ** 2 + imaginary[:, k, k] ** 2
         a, b = (real[:, k, k] / size)[:, None], (-imaginary[:, k, k] / size)[:, None]
         top = real[:, k] * a - imaginary[:, k] * b, real[:, k] * b + imaginary[:, k] * a
-        others = np.where(np.arange(count) == k, 0.0, 1.0)
+        others = jnp.where(np.arange(count) == k, 0.0, 1.0)
         a, b = ((others * part[:, :, k])[:, :, None] for part in (real, imaginary))
         u, v = (part[:, None] for part in top)
         real, imaginary = real - (a * u - b * v), imaginary - (a * v + b * u)
