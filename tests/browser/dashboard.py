@@ -110,6 +110,7 @@ def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]
 def plan_text(page: Any) -> str:
     """Return the plan in the editor, which draws only the lines that are seen."""
     page.wait_for_selector("#sinew-plan-text .cm-content[aria-label]")
+    page.wait_for_function("document.querySelector('#sinew-plan-text .cm-content').textContent")
     return str(
         page.evaluate("""() => {
       const place = document.querySelector("#sinew-plan-text").firstElementChild;

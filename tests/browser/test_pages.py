@@ -129,6 +129,7 @@ def camera(page: Any) -> tuple[float, float, float]:
 
 def test_the_joint_is_turned_brought_nearer_and_turned_back_by_keys(spatial: Any) -> None:
     spatial.focus("#sinew-joint")
+    spatial.keyboard.press("Home")  # the scene may not have moved to its eye yet
     azimuth, height, distance = camera(spatial)
     for key in ("ArrowRight", "ArrowUp", "+"):
         spatial.keyboard.press(key)

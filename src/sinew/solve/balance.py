@@ -11,11 +11,11 @@ harmonics only and the even ones even harmonics only, and half a period is enoug
 
 from collections.abc import Callable
 from functools import cache
+from importlib.metadata import version
 from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +25,7 @@ Parity = Literal["odd", "even", "all"]
 Rates = Callable[[jax.Array, jax.Array, jax.Array, Any], jax.Array]
 
 
-_XLA = tuple(int(part) for part in jaxlib.__version__.split(".")[:3] if part.isdigit())
+_XLA = tuple(int(part) for part in version("jaxlib").split(".")[:3] if part.isdigit())
 QUICK_COMPILE: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False} if _XLA < (0, 11, 1) else {}
 """Options of XLA for what takes it long: without them it compiles for a third to a half longer, and runs no faster.
 An XLA that came later has no other way any more, and refuses the option."""

@@ -269,11 +269,6 @@ def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> 
 
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
-def _lefts(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    return (jax.vmap(lambda x, lane: balance(x, lane, equations, size).left)(x, lane),)
-
-
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> jax.Array:
         return half_map(balance(x, lane, equations, size).local, x[-1] * lane.omega, equations)
@@ -331,21 +326,15 @@ def examine(
     there = wide.copy()
     left, last = np.arange(len(points)), np.zeros(len(points))
 
-    def correct(matrix: Array, lacking: Array) -> NDArray[np.intp]:
-        change = solved(matrix, np.concatenate([-lacking, np.zeros((left.size, 1))], axis=1))
-        there[left] += change
-        last[left] = np.linalg.norm(change, axis=1)
-        return left[last[left] > _ENOUGH]
-
     for _ in range(_REFINEMENTS):
         if not left.size:
             break
-        lanes = rows_of(lane, left)
-        seen = evaluate(there[left], lanes, equations, fine)
+        seen = evaluate(there[left], rows_of(lane, left), equations, fine)
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
-        correct(matrix, seen.left)
-        # The slope is still right to about the size of this correction: a second one with it costs a tenth.
-        left = correct(matrix, in_blocks(_lefts, there[left], lanes, equations, fine)[0])
+        change = solved(matrix, np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1))
+        there[left] += change
+        last[left] = np.linalg.norm(change, axis=1)
+        left = left[last[left] > _ENOUGH]
     moved = there[:, -1] / wide[:, -1] - 1
     before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
     return Examination(
