@@ -549,8 +549,11 @@ async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Ta
         if loop.time() - told >= _STATE_S:
             told = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
-        with suppress(TimeoutError):
-            await asyncio.wait_for(hub.ticked(), _STATE_S)
+        tick = asyncio.ensure_future(hub.ticked())
+        try:  # who leaves makes room at once, also where nothing is looked at
+            await asyncio.wait({tick, listening}, timeout=_STATE_S, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            tick.cancel()
 
 
 async def _listen(socket: WebSocket, view: View) -> None:
