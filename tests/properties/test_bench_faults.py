@@ -18,6 +18,7 @@ from sinew.bench.stops import StopReport
 from sinew.emulator.faults import DRAWN_KINDS, parse_fault
 from sinew.hardware.imu import ClockTrack
 from sinew.hardware.motor import Motor
+from sinew.measure.tasks import Spread
 from sinew.plan.toml import load_rig
 
 SAMPLE = 60  # with fewer not every kind of fault is drawn
@@ -95,7 +96,7 @@ def first_of_each_kind(seed: int) -> list[int]:
     ],
 )
 def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence(runs: list[int]) -> None:
-    found = list(verdicts(1, runs, workers=2))
+    found = list(verdicts(1, runs, Spread(workers=2)))
     rows = table(found)
     assert [violation for verdict in found for violation in verdict.violations] == []
     assert sum(rows["all"][outcome] for outcome in OUTCOMES) == len(runs)
