@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import sinew as sn
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, parenthesised
-from sinew.measure.files.tables import csv_table, latex_table, tables_of
+from sinew.measure.files.tables import Rows, csv_table, latex_table, tables_of
 
 DOCUMENT: dict[str, Any] = {
     "kind": "recording",
@@ -67,15 +67,49 @@ def test_every_list_of_rows_and_group_of_quantities_is_a_table() -> None:
 
 def test_a_latex_table_has_siunitx_numbers_and_units() -> None:
     lines = latex_table(tables_of(DOCUMENT, ["resonance"])[0]).splitlines()
-    assert lines[6].strip() == r"pretension / \unit{mm} & resonance / \unit{Hz} & settled \\"
-    assert [lines[8].strip(), lines[9].strip()] == [
-        r"\num{0} & \num{3.021(20)} & yes \\",
-        r"\num{6} & \num{3.584} & no \\",
-    ]
+    assert lines[4].strip() == r"\begin{tabular}{S[table-format=1.0] S[table-format=1.3(2)] l}"
+    heads = (r"{\shortstack{pretension \\ / \unit{mm}}}", r"{\shortstack{resonance \\ / \unit{Hz}}}", "settled")
+    assert lines[6].strip() == f"{' & '.join(heads)} \\\\"
+    assert [lines[8].strip(), lines[9].strip()] == [r"0 & 3.021(20) & yes \\", r"6 & 3.584 & no \\"]
+
+
+@pytest.mark.parametrize(
+    ("cells", "room"),
+    [
+        ([12.5, -3.25], "-2.2"),
+        ([1.2e-7, -4.0e12], "-1.3e-2"),
+        ([2.0, Estimate.normal(12340.0, 123.0).to_json()], "5.0(3)"),
+        ([2.0, math.inf, None], "1.0"),
+    ],
+)
+def test_a_column_of_numbers_has_room_for_the_digits_of_all(cells: list[Any], room: str) -> None:
+    text = latex_table(Rows("mine", ("gain",), tuple((cell,) for cell in cells)))
+    assert f"{{S[table-format={room}]}}" in text
+
+
+def test_what_is_no_number_stands_in_braces_in_a_column_of_numbers() -> None:
+    text = latex_table(Rows("mine", ("gain",), ((2.0,), (math.inf,), (None,), (-4.0e12,))))
+    assert [line.strip() for line in text.splitlines()[8:12]] == [
+        r"2 \\", r"{$\infty$} \\", r"{--} \\", r"-4.000e12 \\",
+    ]  # fmt: skip
+
+
+def test_a_table_that_is_longer_than_a_page_breaks_with_its_heading_on_each() -> None:
+    text = latex_table(Rows("mine", ("gain",), ((2.0,),) * 41))
+    assert text.startswith(r"\begin{longtable}")
+    assert text.count("{gain}") == 2
+    assert text.index(r"\endfirsthead") < text.index(r"\endhead") < text.index("    2 ")
+
+
+def test_the_columns_that_are_named_stand_in_their_order_where_a_table_has_them() -> None:
+    [one] = tables_of(DOCUMENT, columns=["settled", "resonance_hz"])
+    assert (one.name, one.columns, one.rows[1][0]) == ("resonance", ("settled", "resonance_hz"), False)
+    with pytest.raises(SpecError, match="found no column 'gain', expected some of pretension_mm, resonance_hz"):
+        tables_of(DOCUMENT, columns=["gain"])
 
 
 def test_a_table_of_quantities_has_the_unit_beside_the_name() -> None:
-    assert r"stiffness / \unit{N.m/rad} & \num{4.531(27)} \\" in latex_table(tables_of(DOCUMENT, ["parameters"])[0])
+    assert r"stiffness / \unit{N.m/rad} & 4.531(27) \\" in latex_table(tables_of(DOCUMENT, ["parameters"])[0])
 
 
 def test_texts_are_escaped_for_latex() -> None:

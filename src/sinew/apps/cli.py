@@ -64,7 +64,7 @@ COMMANDS: dict[Callable[..., object], tuple[str, ...]] = {
     convert.import_: ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
     convert.export: ("sinew export run/recording.nc --to mat --out run/recording.mat",),
     convert.table: (
-        "sinew table out/paper --part resonance,ring_down --out resonance.tex",
+        "sinew table out/paper --part resonance --columns pretension_mm,resonance_hz,gain_peak --out resonance.tex",
         "sinew table fit/fit.json --to csv",
     ),
     convert.film: ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),

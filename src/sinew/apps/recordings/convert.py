@@ -98,16 +98,19 @@ def table(
     ],
     to: Annotated[str, option("latex|csv", "The format, where --out does not say it.")] = "latex",
     part: Annotated[str | None, option("NAME,...", "Only these tables, as resonance or ring_down.")] = None,
+    columns: Annotated[
+        str | None, option("NAME,...", "Only these columns, in this order, as pretension_mm,resonance_hz.")
+    ] = None,
     out: Annotated[Path | None, option("FILE", "Write .tex, or .csv (one file for each table); else print.")] = None,
     json: Json = False,
 ) -> None:
-    """Write tables of results with their uncertainties: LaTeX (booktabs, siunitx) or CSV.
+    """Write tables of results with their uncertainties: LaTeX (booktabs, longtable, siunitx) or CSV.
 
     Resonances, damping, response and energy of a recording, the mechanics of a fit, the paper's numbers beside the
     measured ones: every table that a result's document has. In LaTeX a number is 3.021(20), in CSV its standard
     deviation and 90 % interval have columns.
     """
-    from sinew.measure.files.tables import FORMATS, csv_table, export_table, latex_table, tables_of
+    from sinew.measure.files.tables import FORMATS, csv_table, export_table, is_wide, latex_table, tables_of
 
     console.check_choice("--to", to, tuple(FORMATS))
     if out is not None:
@@ -115,10 +118,13 @@ def table(
             raise SpecError(f"--out is {out}, expected a name that ends with {' or '.join(FORMATS.values())}")
         console.require_file(out)
     document = _result_document(source)
-    parts = [] if part is None else [name.strip() for name in part.split(",")]
-    tables = tables_of(document, parts)
+    parts, chosen = ([] if names is None else [name.strip() for name in names.split(",")] for names in (part, columns))
+    tables = tables_of(document, parts, chosen)
+    in_latex = not json and (FORMATS[to] if out is None else out.suffix) == FORMATS["latex"]
+    if wide := [one.name for one in tables if in_latex and is_wide(one)]:
+        console.remark(f"wider than a page: {', '.join(wide)}; --columns chooses what they have")
     if out is not None:
-        files = export_table(document, out, parts)
+        files = export_table(document, out, parts, chosen)
         told = [f"{file}" for file in files]
         names = [one.name for one in tables]
         console.print_result({"files": [str(file) for file in files], "parts": names}, told, json=json)

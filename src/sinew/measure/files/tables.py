@@ -2,13 +2,14 @@ r"""Tables of results for papers and spreadsheets: LaTeX with uncertainties as s
 
 What is written comes from a result's document, as `--json` prints it: every list of rows in it is a table, and every
 group of quantities one of two columns. The unit is in the name (`resonance_hz`), a quantity with an uncertainty is
-`{"value", "std", "interval90"}`. In LaTeX a number is `\num{3.021(20)}`, its digits by the uncertainty; CSV keeps every
-digit, with the standard deviation and the ends of the 90 % interval in columns of their own.
+`{"value", "std", "interval90"}`. In LaTeX a number is `3.021(20)` in a column `S` of siunitx, its digits by the
+uncertainty; CSV keeps every digit, with the standard deviation and the ends of the 90 % interval in columns beside it.
 """
 
 import csv
 import io
 import re
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -53,6 +54,14 @@ _UNITS = {
     "j": "J",
 }
 """Units at the ends of names in documents, as siunitx takes them; longer endings first."""
+_NUMBER = re.compile(
+    r"(?P<sign>-?)(?P<whole>\d+)\.?(?P<part>\d*)(?:\((?P<last>\d+)\))?(?:e(?P<below>-?)(?P<power>\d+))?"
+)
+_PAGE_WIDTH = 70
+"""Characters that a line of a paper takes, roughly."""
+_PAGE_ROWS = 40
+_HEADING_WIDTH, _LINE_WIDTH = 12, 30
+"""Characters of a heading and of a text before their line is broken."""
 
 
 class Rows(NamedTuple):
@@ -69,10 +78,11 @@ def is_quantity(cell: Any) -> bool:
     return isinstance(cell, Mapping) and {"value", "std"} <= cell.keys()
 
 
-def tables_of(document: Mapping[str, Any], parts: Sequence[str] = ()) -> list[Rows]:
-    """Return the tables of a result's document, all or those that are named.
+def tables_of(document: Mapping[str, Any], parts: Sequence[str] = (), columns: Sequence[str] = ()) -> list[Rows]:
+    """Return the tables of a result's document, all or those that are named, with all columns or those that are named.
 
-    Raises SpecError where there are none, or not the ones that are named.
+    columns: in the order in which a table is to have them; a table that has none of them is left out. Raises SpecError
+    where there are no tables, or not the ones or the columns that are named.
     """
     found = list(_found("", document))
     names = [one.name for one in found]
@@ -81,7 +91,20 @@ def tables_of(document: Mapping[str, Any], parts: Sequence[str] = ()) -> list[Ro
     for part in parts:
         if part not in names:
             raise SpecError(f"found no part {part!r}, expected one of {', '.join(names)}")
-    return [one for one in found if not parts or one.name in parts]
+    chosen = [one for one in found if not parts or one.name in parts]
+    if not columns:
+        return chosen
+    known = list(dict.fromkeys(column for one in chosen for column in one.columns))
+    for column in columns:
+        if column not in known:
+            raise SpecError(f"found no column {column!r}, expected some of {', '.join(known)}")
+    narrowed = [_narrowed(one, [column for column in columns if column in one.columns]) for one in chosen]
+    return [one for one in narrowed if one.columns]
+
+
+def _narrowed(table: Rows, columns: Sequence[str]) -> Rows:
+    places = [table.columns.index(column) for column in columns]
+    return Rows(table.name, tuple(columns), tuple(tuple(row[i] for i in places) for row in table.rows))
 
 
 def _found(name: str, part: Mapping[str, Any]) -> Iterator[Rows]:
@@ -130,33 +153,69 @@ def _plain(cell: Any) -> Any:
 
 
 def latex_table(table: Rows) -> str:
-    r"""Return a table for LaTeX with booktabs and siunitx; a number with an uncertainty is `\num{3.021(20)}`."""
-    texts = [
-        all(isinstance(row[i], str | bool) or row[i] is None for row in table.rows) for i in range(len(table.columns))
-    ]
-    lines = [
-        r"\begin{table}",
-        r"  \centering",
-        f"  \\caption{{{_escaped(_words(table.name))}}}",
-        f"  \\label{{tab:{re.sub(r'[^A-Za-z0-9]+', '-', table.name)}}}",
-        f"  \\begin{{tabular}}{{{''.join('l' if text else 'r' for text in texts)}}}",
-        r"    \toprule",
-        f"    {' & '.join(map(_heading, table.columns))} \\\\",
-        r"    \midrule",
-    ]
+    r"""Return a table for LaTeX with booktabs and siunitx: numbers in columns `S`, with an uncertainty as 3.021(20).
+
+    A table that is longer than a page breaks, by longtable.
+    """
     in_names = table.columns == ("quantity", "value")
-    for row in table.rows:
-        cells = [_heading(row[0]), _cell(row[1])] if in_names else [_cell(cell) for cell in row]
-        lines.append(f"    {' & '.join(cells)} \\\\")
-    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""])
+    heads = [_stacked(column) for column in table.columns]
+    rows = [[_heading(row[0]) if in_names else _cell(row[0]), *map(_cell, row[1:])] for row in table.rows]
+    cells = list(zip(*rows, strict=True))
+    kinds = ["l" if in_names and not i else _alignment(column) for i, column in enumerate(cells)]
+    for i, kind in enumerate(kinds):
+        if kind.startswith("S"):
+            heads[i] = f"{{{heads[i]}}}"
+            for row in rows:
+                row[i] = row[i] if _NUMBER.fullmatch(row[i]) else f"{{{row[i]}}}"
+    caption = f"\\caption{{{_escaped(_words(table.name))}}}"
+    label = f"\\label{{tab:{re.sub(r'[^A-Za-z0-9]+', '-', table.name)}}}"
+    head = [r"    \toprule", f"    {' & '.join(heads)} \\\\", r"    \midrule"]
+    body = [f"    {' & '.join(row)} \\\\" for row in rows]
+    aligned = f"{{{' '.join(kinds)}}}"
+    if len(rows) > _PAGE_ROWS:
+        above = [f"\\begin{{longtable}}{aligned}", f"  {caption}", f"  {label} \\\\"]
+        repeated = [*head, r"    \endfirsthead", *head, r"    \endhead"]
+        return "\n".join([*above, *repeated, *body, r"    \bottomrule", r"\end{longtable}", ""])
+    above = [r"\begin{table}", r"  \centering", f"  {caption}", f"  {label}", f"  \\begin{{tabular}}{aligned}"]
+    return "\n".join([*above, *head, *body, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""])
+
+
+def is_wide(table: Rows) -> bool:
+    """Return whether a table is wider in LaTeX than a page of a paper, roughly."""
+    widths = [min(_LINE_WIDTH, max(map(len, map(_cell, column)))) for column in zip(*table.rows, strict=True)]
+    return sum(width + 2 for width in widths) > _PAGE_WIDTH
+
+
+def _alignment(cells: Sequence[str]) -> str:
+    """Return the column of texts, or that of siunitx that has room for the digits of all numbers in it."""
+    found = [match for match in map(_NUMBER.fullmatch, cells) if match]
+    if not found:
+        return "l" if max(map(len, cells)) <= _LINE_WIDTH else f"p{{{_LINE_WIDTH // 2}em}}"
+    most = {part: max((match[part] or "" for match in found), key=len) for part in _NUMBER.groupindex}
+    last = f"({len(most['last'])})" if most["last"] else ""
+    power = f"e{most['below']}{len(most['power'])}" if most["power"] else ""
+    room = f"{most['sign']}{len(most['whole'])}.{len(most['part'])}{last}"
+    return f"S[table-format={room}{power}]"
 
 
 def _heading(column: str) -> str:
     """Return the name of a column or a quantity and, after a stroke, its unit."""
+    name, unit = _name_and_unit(column)
+    return _escaped(name) + (f" / {unit}" if unit else "")
+
+
+def _stacked(column: str) -> str:
+    """Return the heading of a column over as many lines as keep it about as narrow as its numbers."""
+    name, unit = _name_and_unit(column)
+    lines = [*map(_escaped, textwrap.wrap(name, _HEADING_WIDTH)), *([f"/ {unit}"] if unit else [])]
+    return lines[0] if len(lines) == 1 else r"\shortstack{%s}" % r" \\ ".join(lines)  # noqa: UP031
+
+
+def _name_and_unit(column: str) -> tuple[str, str]:
     stem, bracket, place = column.partition("[")
     ending = next((ending for ending in _UNITS if stem.endswith(f"_{ending}")), None)
     name = stem if ending is None else stem.removesuffix(f"_{ending}")
-    return _escaped(_words(name + bracket + place)) + ("" if ending is None else f" / \\unit{{{_UNITS[ending]}}}")
+    return _words(name + bracket + place), "" if ending is None else f"\\unit{{{_UNITS[ending]}}}"
 
 
 def _words(name: str) -> str:
@@ -171,19 +230,22 @@ def _cell(cell: Any) -> str:
     if isinstance(cell, str):
         return _escaped(cell)
     text = parenthesised(cell["value"], cell["std"]) if is_quantity(cell) else number(float(cell))
-    return "--" if text == UNKNOWN else r"$\infty$" if "∞" in text else f"\\num{{{text}}}"
+    return "--" if text == UNKNOWN else re.sub(r"e\+?(-?)0*", r"e\1", text).replace("∞", r"$\infty$")
 
 
 def _escaped(text: str) -> str:
     return "".join(_SPECIAL.get(sign, sign) for sign in text)
 
 
-def export_table(document: Mapping[str, Any], path: Path | str, parts: Sequence[str] = ()) -> list[Path]:
+def export_table(
+    document: Mapping[str, Any], path: Path | str, parts: Sequence[str] = (), columns: Sequence[str] = ()
+) -> list[Path]:
     """Write the tables of a result's document, atomically, and return the files.
 
     document: as `--json` of a command prints it, and `.document` of a result. path: .tex, one file of all tables; .csv,
     a file of one table, or where there are several one for each, `NAME-part.csv`. parts: names of those to write.
-    Raises SpecError for another ending, and where there is no such table; FileError where it cannot be written.
+    columns: of those the ones to write, in this order. Raises SpecError for another ending, and where there is no such
+    table or column; FileError where it cannot be written.
 
     >>> import tempfile
     >>> import sinew as sn
@@ -191,10 +253,10 @@ def export_table(document: Mapping[str, Any], path: Path | str, parts: Sequence[
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [file] = sn.export_table(document, f"{folder}/mine.tex")
     ...     print(file.read_text().splitlines()[8].strip())
-    \\num{6} & \\num{3.584(12)} \\\\
+    6 & 3.584(12) \\\\
     """
     file = as_path(path)
-    tables = tables_of(document, parts)
+    tables = tables_of(document, parts, columns)
     if file.suffix == ".tex":
         texts = {file: "\n".join(map(latex_table, tables))}
     elif file.suffix == ".csv":
