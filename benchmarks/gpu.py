@@ -39,51 +39,50 @@ def batches() -> dict[str, tuple[int, Callable[[], Any]]]:
     }
 
 
-def measure(device: str) -> dict[str, Any]:
-    """Return time [s] and numbers of every batch on a device, by name."""
-    os.environ[DEVICE] = device
+def measure() -> dict[str, Any]:
+    """Return time [s], processor time [s] and numbers of every batch on the device of this process, by name."""
     configure()
     found: dict[str, Any] = {}
     for name, (count, batch) in batches().items():
         values = np.asarray(batch())
-        begin = time.perf_counter()
+        begin, cpu = time.perf_counter(), time.process_time()
         batch()
-        seconds = time.perf_counter() - begin
-        found[name] = {"count": count, "seconds": seconds, "kind": str(values.dtype), "values": values.tolist()}
+        took = {"seconds": time.perf_counter() - begin, "cpu_s": time.process_time() - cpu}
+        found[name] = took | {"count": count, "kind": str(values.dtype), "values": values.tolist()}
     return found
 
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Print the time of each batch on the CPU and, where there is one, on the GPU, and how far numbers are apart."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks gpu", description=__doc__)
-    parser.add_argument("--on", choices=DEVICES, help="one device alone, as JSON")
-    asked = parser.parse_args([*arguments])
-    if asked.on is not None:
+    parser.add_argument("--alone", action="store_true", help=f"the device of ${DEVICE} alone, as JSON")
+    given = parser.parse_args([*arguments])
+    if given.alone:
         try:
-            print(json.dumps(measure(asked.on)))
+            print(json.dumps(measure()))
         except SpecError as error:
             print(error, file=sys.stderr)
             sys.exit(NO_GPU)
         return
-    cpu, gpu = (_asked(device) for device in DEVICES)
+    cpu, gpu = (asked(device) for device in DEVICES)
     assert isinstance(cpu, dict)
     print("batches on the CPU and on a GPU, double precision on both:")
     for name, one in cpu.items():
-        line = f"  {one['count']:4d} {name:24} {one['seconds']:8.2f} s on the CPU"
+        line = f"  {one['count']:4d} {name:24} {one['seconds']:8.2f} s on the CPU, {one['cpu_s']:.2f} s of processor"
         if isinstance(gpu, dict):
             other = gpu[name]
             apart = np.nanmax(np.abs(np.array(other["values"]) / np.where(one["values"], one["values"], 1.0) - 1))
-            line += f", {other['seconds']:8.2f} s on the GPU, {one['seconds'] / other['seconds']:.1f} times as fast; "
+            line += f"; {other['seconds']:8.2f} s on the GPU, {one['seconds'] / other['seconds']:.1f} times as fast; "
             line += f"numbers ({other['kind']}) within {apart:.1e}"
         print(line)
     if not isinstance(gpu, dict):
         print(f"  the GPU's figure is missing: {gpu}")
 
 
-def _asked(device: str) -> dict[str, Any] | str:
+def asked(device: str) -> dict[str, Any] | str:
     """Return what a process of its own measures on a device; where there is none, why."""
-    command = [sys.executable, "-m", "benchmarks", "gpu", "--on", device]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "benchmarks.gpu", "--alone"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {DEVICE: device})
     if done.returncode == NO_GPU:
         return done.stderr.strip().splitlines()[-1]
     if done.returncode:

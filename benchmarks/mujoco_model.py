@@ -21,6 +21,7 @@ from sinew.plan.plan import Group
 from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.predict import modes
 from sinew.predict.multibody import PIECES, Bodies, joint_bodies, write_mjcf
 from sinew.predict.pose import Asked, find_pose
 from sinew.twin.simulate import lane_parameters, simulate_tracks
@@ -157,11 +158,12 @@ class Beside(NamedTuple):
 def resonance_beside(rig: RigSpec, pretension_mm: float, *, sway: bool = True, pieces: int = PIECES) -> Beside:
     """Return resonance and decay of the twin and of MuJoCo. The exported guides are those of the twin's swing at its
     resonance, and for the decay of a quarter of it."""
-    first = joint_bodies(rig, pretension_mm, sway=False)
+    asked = modes.Asked((pretension_mm,), (0.0,))
+    first = joint_bodies(rig, asked, sway=False)
     grid = np.asarray(first.torsion_hz + GRID_HZ * np.arange(-5, 4), dtype=np.float64)
     ours = peak(grid, np.array([amplitude(one) for one in twins(rig, pretension_mm, list(grid))]))
     made = [
-        joint_bodies(rig, pretension_mm, swing_deg=math.degrees(share * ours.amplitude), sway=sway, pieces=pieces)
+        joint_bodies(rig, asked._replace(swing_deg=math.degrees(share * ours.amplitude)), pieces, sway=sway)
         for share in (1.0, 0.25)
     ]
     theirs = peak(grid, np.array([amplitude(swung(made[0], f, SETTLE_S + KEPT_S)) for f in grid]))
@@ -187,7 +189,7 @@ def rest_beside(rig: RigSpec, pretension_mm: float, pose: Pose, *, pieces: int =
     assert upright.rest is not None
     assert posed.rest is not None
     assert posed.shape is not None
-    model, data = loaded(joint_bodies(rig, pretension_mm, pieces=pieces))
+    model, data = loaded(joint_bodies(rig, modes.Asked((pretension_mm,), (0.0,)), pieces))
     data.ctrl[: rig.tendons.count] = posed.rest.take_up - upright.rest.take_up
     _settle(model, data)
     base = data.body("base").xmat.reshape(3, 3)

@@ -1,26 +1,32 @@
-"""A folder of very many runs: how long it takes to index, search and overlook, and in how much memory.
+"""A folder of very many runs: how long it takes to index, search and overlook, and in how much memory; and all their
+samples as one dataset.
 
-The runs are made by chance around an oscillator whose resonance falls as it ages; a recording of 30 MB would lie beside
-each, and is never opened for any of this. One in a hundred is cut short, one is a stranger's folder.
+The runs are made by chance around an oscillator whose resonance falls as it ages. Beside each lies a recording of 30
+MB, most of it a hole in the file: its zeros are read as a campaign's samples would be, but from no disk. Of a hundred
+runs the results of one are cut short, and one is a stranger's folder.
 """
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import netCDF4
 import numpy as np
 import xarray as xr
 
 from sinew.measure import schema
 from sinew.measure.files.netcdf import provenance, save_dataset
+from sinew.plan.toml import dump_rig, load_rig
+
+T = TypeVar("T")
 
 FALLS_HZ = 0.012
 """By how much the resonance of the joint falls in a month."""
@@ -30,27 +36,68 @@ PRETENSIONS_MM = (2.0, 6.0)
 _FREQUENCIES_HZ = np.linspace(2.0, 5.0, 13)
 _REPEATS = 3
 _MONTHS = 12.0
+_SAMPLES = 156_000
+"""In each run: 13 minutes at 200 Hz, of 24 columns."""
+
+_CHANNELS: tuple[str, ...] = ("time_s", "drive_command_rad", "drive_rad", "drive_current_a", "drive_pwm", "supply_v")
+_CHANNELS += ("tendon_rad", "tendon_current_a", "tendon_pwm", "gyro_rad_s", "acceleration_m_s2")
 _DAYS_OF_A_MONTH = 365.2425 / 12
 
 
-def make_runs(folder: Path, count: int, seed: int = 0) -> None:
-    """Write so many runs of a year into a folder, results alone."""
+def make_runs(folder: Path, count: int, seed: int = 0, *, recordings: bool = False) -> None:
+    """Write so many runs of a year into a folder: their results and, where they are asked for, their recordings."""
     random = np.random.default_rng(seed)
     for number in range(count):
         run = folder / f"run-{number:04d}"
         run.mkdir(parents=True)
         months = _MONTHS * number / max(1, count - 1)
-        path = run / "results.nc"
+        path, recording = run / "results.nc", run / "recording.nc"
         if number % 100 == 51:
             (run / "readme.txt").write_text("somebody else's folder\n", encoding="utf-8")
             continue
         save_dataset(synthetic_results(months, random), path)
+        if recordings:
+            hollow_recording(recording)
         if number % 100 == 50:
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         if number % 10 == 0:
             (run / "notes.json").write_text('{"notes": "after the move", "tags": ["aged"]}', encoding="utf-8")
         at = (BEGAN + timedelta(days=_DAYS_OF_A_MONTH * months)).timestamp()
-        os.utime(path, (at, at))
+        os.utime(recording if recordings else path, (at, at))
+
+
+def hollow_recording(path: Path) -> None:
+    """Write the recording of a sweep whose samples are a hole in the file."""
+    sizes = {"sample": _SAMPLES, "segment": 4, "tendon": 4, "axis": 3}
+    segments = {
+        "row_size": np.full(4, _SAMPLES // 4),
+        "kind": np.array(["steady"] * 4, dtype=object),
+        "repeat": np.zeros(4, dtype=np.int64),
+        "pretension_mm": np.repeat(PRETENSIONS_MM, 2),
+        "frequency_hz": np.tile([2.5, 3.0], 2),
+        "amplitude_deg": np.full(4, 20.0),
+    }
+    with netCDF4.Dataset(path, "w") as made:
+        made.set_fill_off()
+        for name, size in sizes.items():
+            made.createDimension(name, size)
+        for name in _CHANNELS:
+            row = schema.SAMPLE_VARIABLES[name]
+            made.createVariable(name, "f8", row.dims, contiguous=True).units = row.unit
+            made[name][-1:] = 0.0  # so that the file is as long as if the others were written
+        for name, values in segments.items():
+            kind = str if values.dtype == object else values.dtype
+            made.createVariable(name, kind, ("segment",))[:] = values
+        more: dict[str, Any] = {"schema": schema.RECORDING_SCHEMA, "content_hash": _HASH}
+        made.setncatts(provenance("bench", rig=_rig(), plan=_PLAN, **more))
+
+
+_HASH, _PLAN = "0" * 64, 'name = "weekly"\n'
+
+
+@cache
+def _rig() -> str:
+    return dump_rig(load_rig("paper").model_copy(update={"name": "bench"}))
 
 
 def synthetic_results(months: float, random: np.random.Generator) -> xr.Dataset:
@@ -100,15 +147,14 @@ def synthetic_results(months: float, random: np.random.Generator) -> xr.Dataset:
         unit = "rad" if row.unit == "*" else row.unit
         variables[name] = (row.dims, values, {"units": unit, "long_name": row.meaning})
     made = xr.Dataset(variables, {name: schema.result_axis(name, values) for name, values in axes.items()})
-    rig, plan = 'name = "bench"\n', 'name = "weekly"\n'
     more: dict[str, Any] = {
         "schema": schema.RESULTS_SCHEMA,
-        "recording_hash": "0" * 64,
+        "recording_hash": _HASH,
         "response_unit": "rad",
         "drive_unit": "rad",
     }
     more |= {"resonance_notes": "", "doubts": "[]", "effects_off": "", "recording_versions": ""}
-    return schema.validate_results(made.assign_attrs(provenance("bench", rig=rig, plan=plan, **more)))
+    return schema.validate_results(made.assign_attrs(provenance("bench", rig=_rig(), plan=_PLAN, **more)))
 
 
 _LEFT_OUT = {
@@ -127,14 +173,35 @@ def main(arguments: Sequence[str] = ()) -> None:
     with tempfile.TemporaryDirectory() as own:
         folder = asked.folder or Path(own) / "runs"
         if not folder.exists():
-            make_runs(folder, asked.runs, asked.seed)
-        done = subprocess.run(
-            [sys.executable, "-c", f"from benchmarks.run_index import measure; measure({str(folder)!r})"],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        print(done.stdout, end="")
+            make_runs(folder, asked.runs, asked.seed, recordings=True)
+        for step in ("measure", "measure_samples"):
+            code = f"from benchmarks.run_index import {step}; {step}({str(folder)!r})"
+            subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def spent(what: str, do: Callable[[], T], times: int = 1) -> T:
+    """Return what is done, and print its processor time, the best of several, and memory so far."""
+    best = np.inf
+    for _ in range(times):
+        began = time.process_time()
+        said = do()
+        best = min(best, time.process_time() - began)
+    # Not `getrusage`: its largest is that of who began this process, too.
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    peak = int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    print(f"{what:60s} {best:8.3f} s   {peak:6.0f} MB")
+    return said
+
+
+def measure_samples(folder: str) -> None:
+    """Print processor time and memory of all samples as one dataset, in a process of its own."""
+    from sinew import open_runs
+
+    runs = spent("all recordings opened as one dataset", lambda: open_runs(folder))
+    size = sum(runs[name].nbytes for name in _CHANNELS)
+    print(f"{runs.sizes['run']} runs, {runs.sizes['sample']} samples, {1e-9 * size:.1f} GB")
+    spent("one channel of one run", lambda: runs["drive_rad"][-_SAMPLES:].values, 3)
+    spent("mean square of the gyroscope over all runs", lambda: float((runs["gyro_rad_s"] ** 2).mean()))
 
 
 def measure(folder: str) -> None:
@@ -143,23 +210,13 @@ def measure(folder: str) -> None:
     from sinew.apps.dashboard.work.results import run_results
     from sinew.apps.dashboard.work.runs import index_of, list_runs
 
-    def spent(what: str, do: object, times: int = 1) -> object:
-        best, said = np.inf, None
-        for _ in range(times):
-            began = time.process_time()
-            said = do()  # type: ignore[operator]
-            best = min(best, time.process_time() - began)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"{what:60s} {best:8.3f} s   {peak:6.0f} MB")
-        return said
-
     print(f"{'processor time, best of several, and memory so far':60s}")
     with index_of(folder) as index:
         print(spent("first index", index.refresh))
         print(spent("refresh, nothing changed", index.refresh, 3))
         hard = "f_r>2.9 pretension=6 tag:aged D<0.1 move"
-        print(len(spent(f"search {hard}", lambda: index.search(hard), 5)), "runs found")  # type: ignore[arg-type]
-        print(len(spent("search for nothing: all runs", index.search, 3)), "runs found")  # type: ignore[arg-type]
+        print(len(spent(f"search {hard}", lambda: index.search(hard), 5)), "runs found")
+        print(len(spent("search for nothing: all runs", index.search, 3)), "runs found")
         runs = index.search()
         spent("differences of two runs", lambda: differences(runs[0], runs[1]), 3)
     spent("trend, from opening the index on", lambda: trends(list_runs(folder, "pretension=6"), "resonance_hz"), 3)

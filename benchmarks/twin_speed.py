@@ -22,6 +22,7 @@ from sinew.mechanics.joint import rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.predict.modes import Asked
 from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.twin.cache import configure
@@ -93,7 +94,8 @@ def _rollout(rig: RigSpec, groups: list[Group], step_s: float, integrator: str) 
 
     steps, threads = round(SECONDS / step_s), os.cpu_count() or 1
     # Without the silicone's memory, whose light masses no explicit integrator takes at such a step.
-    lean = {p: joint_bodies(rig, p, sway=False)._replace(memory=()) for p in {g.pretension_mm for g in groups}}
+    asked = {g.pretension_mm: Asked((g.pretension_mm,), (0.0,)) for g in groups}
+    lean = {p: joint_bodies(rig, one, sway=False)._replace(memory=()) for p, one in asked.items()}
     models = [mujoco.MjModel.from_xml_string(write_mjcf(lean[g.pretension_mm], [])) for g in groups]
     for model in models:
         model.opt.timestep = step_s

@@ -4,7 +4,7 @@ A scheduler and 1, 2 and 4 workers are begun on loopback; every link between the
 throttled. Tasks of a design and of a pose map are computed here and there: their numbers must be the same bit for bit,
 and a task may cost at most a tenth more. Then workers and schedulers are killed with SIGKILL at random moments while
 decays are analysed: only what was in flight may be computed again. Exit status 1 if something happened that may not.
-Takes three minutes on two quiet cores.
+What it costs is told as processor time, for other programs take the wall's. Takes ten minutes on two quiet cores.
 """
 
 import asyncio
@@ -37,8 +37,19 @@ DELAY_S, BYTES_PER_S = 0.02, 2.5e6
 MOST_OVERHEAD = 0.10
 """Share by which a task may cost more on the cluster than here."""
 
+LEAN = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False", "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s"}
+"""Environment of scheduler and workers, as the page on clusters has it: Dask looks after itself less often."""
+
+KINDS = ("search", "propose", "poses")
+
+_IDLE_S = 10.0
+"""For so long a cluster without work is watched."""
+
 _LINE = 30
 """Bytes of a line in a log of jobs, about."""
+
+_BEGIN_S = 120.0
+"""How long a scheduler and its workers may take to be there."""
 
 _DECAYS = 2
 """In a job that is analysed between kills: some tenths of a second of a core."""
@@ -164,7 +175,7 @@ class Cluster:
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *options, "--no-dashboard"]
         # Scheduler and workers load the jobs of this campaign, which no installed package holds.
         path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])])
-        environment = os.environ | {"PYTHONPATH": path}
+        environment = os.environ | {"PYTHONPATH": path} | LEAN
         with (self.folder / f"{what}.log").open("ab") as log:
             return subprocess.Popen(command, stdout=log, stderr=log, cwd=self.folder, env=environment)
 
@@ -174,8 +185,9 @@ class Cluster:
         return sum(_cpu_s(one.pid) for one in (self.scheduler, *self.workers.values()))
 
 
-def _cpu_s(pid: int) -> float:
-    words = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+def _cpu_s(what: int | str) -> float:
+    """Return the processor time of a process, or of a thread "self/task/ID", so far [s]."""
+    words = Path(f"/proc/{what}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
@@ -192,11 +204,15 @@ class Job(NamedTuple):
 
 
 def run_job(job: Job) -> tuple[str, float]:
-    """Return a digest of what a job's function gives, to the last bit, and the processor time that it took [s]."""
+    """Return a digest of what a job's function gives, to the last bit, and the processor time that it took [s].
+
+    Threads that were there before it (a worker's talk with its scheduler) are not the job's.
+    """
     _write(job.log, "begun", job.number)
-    before = time.process_time()
+    beside = [f"self/task/{one.native_id}" for one in threading.enumerate() if one is not threading.current_thread()]
+    before = time.process_time() - sum(map(_cpu_s, beside))
     result = job.function(job.task)
-    took = time.process_time() - before
+    took = time.process_time() - sum(map(_cpu_s, beside)) - before
     _write(job.log, "ended", job.number)
     return digest_of(result), took
 
@@ -206,8 +222,8 @@ def _write(log: Path, what: str, number: int) -> None:
         file.write(f"{time.monotonic()} {what} {number} {os.getpid()}\n")
 
 
-def design_and_poses(log: Path, each: int) -> list[Job]:
-    """Return jobs of a design (search, exact evaluation) and of a pose map, each of seconds; so many of each."""
+def design_and_poses(log: Path, each: int, kinds: Sequence[str] = KINDS) -> list[Job]:
+    """Return jobs of a design (search, exact evaluation) and of a pose map, each of seconds; so many of each kind."""
     from sinew.plan.toml import dump_rig, load_rig
     from sinew.predict.joints.design import shear_modulus_of
     from sinew.predict.workspace import fill_strip, planes_of
@@ -217,13 +233,15 @@ def design_and_poses(log: Path, each: int) -> list[Job]:
     rig, target = load_rig("paper"), DesignTarget((0.7, 1.1), 7.0, 0.25)
     text, base = dump_rig(rig), {"base": shear_modulus_of(rig)}
     blocks = blocks_of(text, target, base, ["circle", "annulus", "ellipse", "circle"], 64, 0)[:each]
-    drafts = drafts_of([search_block(blocks[0])], text, target, each)
+    drafts = drafts_of([search_block(blocks[0])], text, target, each) if "propose" in kinds else []
     strips = [strip for plane in planes_of(rig, [0.0, 6.0], 2.5, "position") for strip in plane.strips()][:each]
-    work: list[tuple[Callable[[Any], Any], Any]] = [(search_block, one) for one in blocks] + [
-        (propose, one) for one in drafts
-    ]
-    work += [(fill_strip, one) for one in strips]
-    return [Job(function, task, number, log) for number, (function, task) in enumerate(work)]
+    work: dict[str, tuple[Callable[[Any], Any], Sequence[Any]]] = {
+        "search": (search_block, blocks),
+        "propose": (propose, drafts),
+        "poses": (fill_strip, strips),
+    }
+    asked = [(function, task) for function, tasks in (work[kind] for kind in kinds) for task in tasks]
+    return [Job(function, task, number, log) for number, (function, task) in enumerate(asked)]
 
 
 def decays(log: Path, count: int, seed: int) -> list[Job]:
@@ -247,14 +265,28 @@ def analyse_decays(task: Sequence[tuple[str, int]]) -> list[tuple[Any, ...]]:
 
 
 class Cost(NamedTuple):
-    """Of all jobs once. workers: 0 is this process. cpu_s: of every process that took part. task_s: of the tasks alone,
-    where they ran. wall_s: from the first to the last. digests: by job."""
+    """Of all jobs once. workers: 0 is this process. cpu_s: of every process that took part. task_s: of the tasks
+    alone, where they ran. wall_s: from the first to the last. digests: by job. idle: share of a core that the cluster
+    takes when there is no work."""
 
     workers: int
     cpu_s: float
     task_s: float
     wall_s: float
     digests: tuple[str, ...]
+    idle: float = 0.0
+
+    @property
+    def around_s(self) -> float:
+        """Processor time beside the tasks' own [s]."""
+        return self.cpu_s - self.task_s
+
+    @property
+    def waited_s(self) -> float:
+        """What of that went by while other programs had the processors [s]: the wall beyond the tasks' own time, on as
+        many cores as there are workers or processors, idle."""
+        cores = min(self.workers, os.cpu_count() or 1) or 1
+        return self.idle * max(0.0, self.wall_s - self.task_s / cores)
 
 
 def cost_of(jobs: Sequence[Job], spread: Spread, workers: int, others: Callable[[], float] = lambda: 0.0) -> Cost:
@@ -266,34 +298,42 @@ def cost_of(jobs: Sequence[Job], spread: Spread, workers: int, others: Callable[
     return Cost(workers, took[1], sum(seconds), took[0], digests)
 
 
-def measure(folder: Path, counts: Sequence[int], each: int) -> list[Cost]:
+def measure(folder: Path, counts: Sequence[int], each: int, kinds: Sequence[str]) -> list[Cost]:
     """Return the costs here and on clusters of some sizes, each after everything was compiled or read."""
-    jobs = design_and_poses(folder / "jobs.log", each)
-    list(each_task(run_job, jobs))
+    jobs = design_and_poses(folder / "jobs.log", each, kinds)
+    first = list({job.function: job for job in reversed(jobs)}.values())
+    list(each_task(run_job, first))
     costs = [cost_of(jobs, HERE, 0)]
     for count in counts:
         with Cluster(folder, count).running() as cluster:
-            spread = Spread(cluster.address)
-            _await_workers(cluster)
-            for _ in range(1 if count == 1 else 2):  # whatever worker gets which job then, it has it loaded
-                list(each_task(run_job, jobs, spread))
-            costs.append(cost_of(jobs, spread, count, cluster.cpu_s))
+            _load_on_all(cluster, first)
+            before = cluster.cpu_s(), time.monotonic()
+            time.sleep(_IDLE_S)
+            idle = (cluster.cpu_s() - before[0]) / (time.monotonic() - before[1])
+            costs.append(cost_of(jobs, Spread(cluster.address), count, cluster.cpu_s)._replace(idle=idle))
     return costs
 
 
-def _await_workers(cluster: Cluster) -> None:
+def _load_on_all(cluster: Cluster, jobs: Sequence[Job]) -> None:
+    """Have every worker do these jobs, when all are there."""
     from distributed import Client
 
-    until = time.monotonic() + 120
+    until = time.monotonic() + _BEGIN_S
     while True:
         try:
-            with Client(cluster.address, timeout=5, set_as_default=False) as client:
-                client.wait_for_workers(cluster.count, timeout=120)
-            return
+            client = Client(cluster.address, timeout=5, set_as_default=False)
+            break
         except OSError:  # it is not there yet
             if time.monotonic() > until:
                 raise
             time.sleep(0.2)
+    with client:
+        client.wait_for_workers(cluster.count, timeout=_BEGIN_S)
+        each = [
+            client.map(run_job, jobs, workers=[one], pure=False)
+            for one in client.scheduler_info(n_workers=-1)["workers"]
+        ]
+        client.gather(each)
 
 
 def table(costs: Sequence[Cost]) -> str:
@@ -305,19 +345,27 @@ def table(costs: Sequence[Cost]) -> str:
     ]
     for one in costs[1:]:
         lines.append(
-            f"  {one.workers} workers: processor {one.cpu_s / here.cpu_s - 1:+.1%} for a task, of which around tasks "
-            f"{(one.cpu_s - one.task_s) / here.cpu_s:+.1%}; wall {one.wall_s:.2f} s for {here.wall_s:.2f} s here; "
+            f"  {one.workers} workers: {1e3 * overhead(one, here) * here.cpu_s / count:.0f} ms of processor around a "
+            f"task, {overhead(one, here):.1%} of what it takes here (with what went by while other programs had the "
+            f"processors: {overhead(one, here, waited=True):.1%}); its own {one.task_s / here.task_s - 1:+.1%}; idle "
+            f"{one.idle:.1%} of a core; wall {one.wall_s:.2f} s for {here.wall_s:.2f} s here; "
             f"{'the same numbers' if one.digests == here.digests else 'OTHER NUMBERS'}"
         )
     return "\n".join(lines)
+
+
+def overhead(one: Cost, here: Cost, *, waited: bool = False) -> float:
+    """Return the processor time of cluster and client around the tasks, beyond that of this process alone, as a share
+    of what the tasks take here. waited: with what a busy computer's other programs made it wait."""
+    return (one.around_s - (0.0 if waited else one.waited_s) - here.around_s) / here.cpu_s
 
 
 def costs_wrong(costs: Sequence[Cost]) -> list[str]:
     """Return what of it may not be."""
     here = costs[0]
     wrong = [f"{one.workers} workers give other numbers" for one in costs[1:] if one.digests != here.digests]
-    around = [(one.workers, (one.cpu_s - one.task_s) / here.cpu_s) for one in costs[1:]]
-    return wrong + [f"{n} workers: {share:.1%} around a task" for n, share in around if share > MOST_OVERHEAD]
+    shares = [(one.workers, overhead(one, here)) for one in costs[1:]]
+    return wrong + [f"{n} workers: {share:.1%} around a task" for n, share in shares if share > MOST_OVERHEAD]
 
 
 # ---- kills
@@ -467,6 +515,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = campaign_parser("cluster", __doc__, count=50, of="kills")
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2, 4], help="sizes of the clusters [1 2 4]")
     parser.add_argument("--each", type=int, default=4, help="tasks of each kind whose cost is measured, up to 4 [4]")
+    parser.add_argument("--kinds", nargs="*", default=KINDS, choices=KINDS, help="of those tasks [all]")
     parser.add_argument("--for-s", type=float, default=150.0, help="kills end after this time, whatever is left [150]")
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing that was begun is left behind
@@ -475,7 +524,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     document: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         if given.workers:
-            costs = measure(Path(folder), given.workers, given.each)
+            costs = measure(Path(folder), given.workers, given.each, given.kinds)
             print(table(costs), flush=True)
             wrong += costs_wrong(costs)
             document["costs"] = [one._asdict() for one in costs]

@@ -26,6 +26,7 @@ from sinew.measure.estimate import Estimate as Estimate
 from sinew.measure.files.export import export_csv as export_csv
 from sinew.measure.files.export import export_mat as export_mat
 from sinew.measure.files.export import export_recording as export_recording
+from sinew.measure.files.folder import open_runs as open_runs
 from sinew.measure.files.netcdf import save_recording as save_recording
 from sinew.measure.files.tables import export_table as export_table
 from sinew.measure.read import Looked as Looked

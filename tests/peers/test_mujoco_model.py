@@ -29,7 +29,7 @@ def rig() -> RigSpec:
 
 @pytest.fixture(scope="module", params=[False, pytest.param(True, marks=pytest.mark.slow)], ids=["upright", "sways"])
 def bodies(rig: RigSpec, request: pytest.FixtureRequest) -> Bodies:
-    return joint_bodies(rig, PRETENSION_MM, sway=request.param)
+    return joint_bodies(rig, Asked((PRETENSION_MM,), (0.0,)), sway=request.param)
 
 
 def forces(model: Any, data: Any, place: Any, speed: Any) -> Any:
@@ -79,9 +79,9 @@ def test_tendons_of_an_exported_joint_pull_as_the_twins_at_rest(bodies: Bodies) 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["position", "current"])
 def test_torsion_and_sways_of_the_chain_are_the_twins_modes(rig: RigSpec, mode: Any) -> None:
-    swing_deg = 0.1  # so small that guides hold
-    ours = Finder(rig, Asked((PRETENSION_MM,), (0.0,), 0.0, mode, swing_deg)).at(PRETENSION_MM, 0.0).modes[:3]
-    made = joint_bodies(rig, PRETENSION_MM, mode=mode, swing_deg=swing_deg)
+    asked = Asked((PRETENSION_MM,), (0.0,), 0.0, mode, swing_deg=0.1)  # so small that guides hold
+    ours = Finder(rig, asked).at(PRETENSION_MM, 0.0).modes[:3]
+    made = joint_bodies(rig, asked)
     theirs = poles(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))[:3]
     # Six pieces are within 0.7 % of the rod, sways held by current the furthest off.
     assert np.abs(theirs) / (2 * np.pi) == pytest.approx([one.frequency_hz for one in ours], rel=7e-3)
@@ -91,7 +91,7 @@ def test_torsion_and_sways_of_the_chain_are_the_twins_modes(rig: RigSpec, mode: 
 
 @pytest.mark.slow
 def test_a_chain_in_a_bent_pose_rests_there(rig: RigSpec) -> None:
-    made = joint_bodies(rig, PRETENSION_MM, bend_deg=20.0, azimuth_deg=90.0)
+    made = joint_bodies(rig, Asked((PRETENSION_MM,), (20.0,), 90.0))
     model = mujoco.MjModel.from_xml_string(write_mjcf(made, []))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

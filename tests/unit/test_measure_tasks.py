@@ -129,6 +129,17 @@ def test_a_file_of_something_else_is_refused_before_anything_is_computed(log: Pa
     assert not log.exists()
 
 
+def test_a_damaged_file_of_results_is_told_of_with_what_to_do(log: Path, tmp_path: Path) -> None:
+    path = tmp_path / "kept.sqlite"
+    jobs = [Job(float(i), log) for i in range(200)]
+    run_tasks(square, jobs, Spread(keep=path))
+    with path.open("r+b") as file:  # its first page, which says what is in it, stays whole
+        file.seek(4096)
+        file.write(b"\x5a" * (path.stat().st_size - 4096))
+    with pytest.raises(FileError, match=r"kept\.sqlite is damaged \(.*\); delete it, or name a new file with --keep"):
+        run_tasks(square, jobs, Spread(keep=path))
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -333,8 +333,11 @@ class _Kept:
         self._file, self._path = file, path
 
     def get(self, key: str) -> bytes | None:
-        """Return a result as it was put; None where there is none."""
-        row = self._file.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()
+        """Return a result as it was put; None where there is none. Raises FileError where the file is damaged."""
+        try:
+            row = self._file.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()
+        except sqlite3.Error as error:
+            raise FileError(f"{self._path} is damaged ({error}); delete it, or name a new file with --keep") from error
         return None if row is None else bytes(row[0])
 
     def put(self, key: str, result: bytes) -> None:

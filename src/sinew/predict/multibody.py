@@ -128,25 +128,17 @@ class Bodies(NamedTuple):
     pivots: tuple[Pivot, ...]
 
 
-def joint_bodies(
-    rig: RigSpec,
-    pretension_mm: float = 6.0,
-    *,
-    bend_deg: float = 0.0,
-    azimuth_deg: float = 0.0,
-    mode: TendonMode = "position",
-    swing_deg: float = 10.0,
-    pieces: int = PIECES,
-    sway: bool = True,
-) -> Bodies:
-    """Return a rig's joint as bodies on springs; see `export_model` for the arguments."""
+def joint_bodies(rig: RigSpec, asked: Asked, pieces: int = PIECES, *, sway: bool = True) -> Bodies:
+    """Return a rig's joint as bodies on springs, at the first pretension and bend that are asked; see `export_model`
+    for the others."""
+    (pretension_mm, *_), (bend_deg, *_), _, mode, swing_deg = asked
     refuse_pretensions(rig, [pretension_mm])
     if not 1 <= pieces <= _MOST_PIECES:
         raise SpecError(f"found {pieces} pieces of silicone, expected 1 to {_MOST_PIECES}")
     if not 0 < swing_deg <= 90:
         raise SpecError(f"found a swing of {swing_deg:g}°, expected more than 0 and at most 90°")
     if sway:
-        return _in_space(rig, Asked((pretension_mm,), (bend_deg,), azimuth_deg, mode, swing_deg), pieces)
+        return _in_space(rig, asked, pieces)
     if bend_deg:
         raise SpecError(f"found a bend of {bend_deg:g}° of a joint that does not sway, expected none; leave one out")
     return _upright(rig, pretension_mm, mode, math.radians(swing_deg))
@@ -765,16 +757,8 @@ def export_model(
     file = as_path(path)
     if file.suffix not in ENDINGS:
         raise SpecError(f"the model's name is {file}, expected one that ends with {', '.join(ENDINGS)}")
-    bodies = joint_bodies(
-        rig,
-        pretension_mm,
-        bend_deg=bend_deg,
-        azimuth_deg=azimuth_deg,
-        mode=mode,
-        swing_deg=swing_deg,
-        pieces=pieces,
-        sway=sway,
-    )
+    asked = Asked((pretension_mm,), (bend_deg,), azimuth_deg, mode, swing_deg)
+    bodies = joint_bodies(rig, asked, pieces, sway=sway)
     pose = f", bent by {bend_deg:g} deg towards {azimuth_deg:g} deg" if bend_deg else ""
     heading = [
         f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",

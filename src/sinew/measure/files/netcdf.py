@@ -4,7 +4,8 @@ import hashlib
 import math
 import platform
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,20 @@ def has_schema(path: Path | str) -> bool:
         return False
 
 
+@contextmanager
+def whole_netcdf(path: Path) -> Iterator[None]:
+    """Have what is read inside raise FileError where the file is absent, is not NetCDF, or is damaged."""
+    if not is_netcdf(path):
+        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(
+            f"{path} is a damaged NetCDF file, perhaps cut short ({reason}); copy or write it anew"
+        ) from error
+
+
 def load_dataset(path: Path | str) -> xr.Dataset:
     """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 
@@ -155,9 +170,7 @@ def load_dataset(path: Path | str) -> xr.Dataset:
     where it declares more than `sinew.measure.doors.most_bytes`, before anything of it is read.
     """
     path = as_path(path)
-    if not is_netcdf(path):
-        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
-    try:
+    with whole_netcdf(path):
         if (size := _unpacked(path)) > (most := most_bytes()):
             raise FileError(
                 f"{path} unpacks to {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB in the memory that there "
@@ -165,11 +178,6 @@ def load_dataset(path: Path | str) -> xr.Dataset:
             )
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
             dataset = opened.load()
-    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
-        reason = " ".join(str(error).split())
-        raise FileError(
-            f"{path} is a damaged NetCDF file, perhaps cut short ({reason}); copy or write it anew"
-        ) from error
     for name in dataset.variables:
         dataset[name].encoding = {}
     dataset.encoding = {}
@@ -188,21 +196,15 @@ def load_part(path: Path | str, names: Collection[str]) -> xr.Dataset:
     import netCDF4
 
     path = as_path(path)
-    if not is_netcdf(path):
-        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
-    try:
-        with netCDF4.Dataset(path, "r") as opened:
-            opened.set_auto_mask(False)
-            attrs = {name: opened.getncattr(name) for name in opened.ncattrs()}
-            found = {name: opened.variables[name] for name in names if name in opened.variables}
-            if sum(8 * math.prod(one.shape) for one in found.values()) > most_bytes():
-                raise FileError(f"{path} declares more numbers than there is memory for; write it anew")
-            parts = {
-                name: (one.dimensions, one[:], {"units": str(getattr(one, "units", ""))}) for name, one in found.items()
-            }
-    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
-        reason = " ".join(str(error).split())
-        raise FileError(f"{path} is a damaged NetCDF file ({reason}); copy or write it anew") from error
+    with whole_netcdf(path), netCDF4.Dataset(path, "r") as opened:
+        opened.set_auto_mask(False)
+        attrs = {name: opened.getncattr(name) for name in opened.ncattrs()}
+        found = {name: opened.variables[name] for name in names if name in opened.variables}
+        if sum(8 * math.prod(one.shape) for one in found.values()) > most_bytes():
+            raise FileError(f"{path} declares more numbers than there is memory for; write it anew")
+        parts = {
+            name: (one.dimensions, one[:], {"units": str(getattr(one, "units", ""))}) for name, one in found.items()
+        }
     return upgrade_results(xr.Dataset(parts, attrs=attrs))
 
 
