@@ -370,6 +370,21 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     assert page.inner_text("#sinew-plan-state").startswith("Unchanged")
 
 
+def test_every_fault_of_a_list_stands_at_its_line(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/plan")
+    page.wait_for_selector(".sinew-timeline")
+    edit_plan(page, r"frequency_hz = \[[^\]]*\]", "frequency_hz = [2.7, 3.0, -4, 900]")
+    said = page.locator(".sinew-fault-line:has-text('-4, 900') .sinew-fault").inner_text()
+    assert "third entry: found -4" in said
+    assert "asks for 900 Hz, the rig allows 10 Hz" in said
+    assert page.locator("#sinew-faults .sinew-bad").count() == 3
+    edit_plan(page, "-4, 900", "900")
+    page.wait_for_selector(".sinew-timeline")
+    assert "asks for 900 Hz" in page.locator(".sinew-fault").inner_text()
+    assert page.locator("#sinew-start").is_disabled()
+    page.click("#sinew-plan-discard")
+
+
 def test_a_plan_is_kept_on_the_shelf_and_deleted_from_it_by_the_operator(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")

@@ -1,7 +1,8 @@
 """The design page: sliders of a joint, what the equations say of it at once, and joints side by side."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
@@ -130,9 +132,9 @@ class _Sliders:
                 with card("Phase: lag of the torsion", 12):
                     self._phase = Curves("phase")
                 with card("What it is worth", 12):
+                    self._waiting = empty("")
+                    self._waiting.set_visibility(False)
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
-                    with self._notes:
-                        self._waiting = empty(_COMPILES)
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
@@ -164,7 +166,7 @@ class _Sliders:
         number.on_value_change(typed)
 
     async def begin(self) -> None:
-        """Show the joint that was designed here last, else the rig as built, and compile the rest meanwhile."""
+        """Show the joint that was designed here last, else the rig as built, with the curves that are known."""
         kept = await recall(_KEEP)
         known = _values_of(kept, self._built)
         if known:
@@ -173,21 +175,38 @@ class _Sliders:
                 self._pinned(values)
         for key in _SIZES:
             self._show_value(key)
+        joints = [self._now, self._as_built, *self._kept]
+        for joint in joints:
+            joint.found = await asyncio.to_thread(kept_curves, *self._asked(joint.values))
+            joint.is_fine = joint.found is not None
+        self._draw()
         self._tabulate()
-        began = monotonic()
-        counter = ui.timer(1.0, lambda: self._count(monotonic() - began))
-        try:
+        if self._now.found is None:
             await self._change()
+        else:
+            self._tell(self._now.found, fine=True)
+        self._site.work.warm_up()
+        for joint in joints[1:]:
+            if joint.found is None:
+                await self._finish(joint)
+
+    @contextmanager
+    def _counted(self) -> Iterator[None]:
+        """Say meanwhile how long the first sketch has been waited for: its equations may have to be compiled."""
+        began = monotonic()
+
+        def count() -> None:
+            if not self._waiting.is_deleted:
+                self._waiting.set_visibility(True)
+                self._waiting.set_text(f"{_COMPILES} {monotonic() - began:.0f} s so far.")
+
+        counter = ui.timer(1.0, count, immediate=False)
+        try:
+            yield
         finally:
             counter.cancel()
-        self._site.work.warm_up()
-        for joint in (self._as_built, *self._kept):
-            await self._finish(joint)
-
-    def _count(self, seconds: float) -> None:
-        """Say how long the first curve has been waited for."""
-        if not self._waiting.is_deleted:
-            self._waiting.set_text(f"{_COMPILES} {seconds:.0f} s so far.")
+            if not self._waiting.is_deleted:
+                self._waiting.set_visibility(False)
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, and show what comes of it."""
@@ -223,7 +242,8 @@ class _Sliders:
     async def _compute(self, turn: int, *, fine: bool) -> None:
         name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
         try:
-            found = await self._curves_of(values, name, key=f"{name} {id(self)}")
+            with nullcontext() if fine else self._counted():
+                found = await self._curves_of(values, name, key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
         if found is None or (fine and turn != self._turn) or self._table.is_deleted:
@@ -236,9 +256,12 @@ class _Sliders:
             self._tabulate()
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
-        asked = [self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
-        call = self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        more = [True] if name == "design_curves" else []
+        call = self._site.work.call(name, *self._asked(values), *more, key=key)
         return await unless_left(call, ui.context.client.disconnected())
+
+    def _asked(self, values: Mapping[str, float]) -> tuple[str, dict[str, float], float, float, tuple[float, float]]:
+        return self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""

@@ -1,11 +1,17 @@
 """What is computed before anything moves: the joint that sliders describe, a plan's preview and its prediction."""
 
 import functools
+import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.measure.errors import SpecError
+from sinew.measure.doors import cache_folder, write_text
+from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import all_finite
 
 if TYPE_CHECKING:
@@ -52,7 +58,7 @@ def design_curves(
     rig_asked(repr(float(pretension_mm)), amplitude_deg, "position", None, low, high)
     prediction, checks = _predicted(made, float(pretension_mm), amplitude_deg, (low, high), fine)
     branch = prediction.branches[0]
-    return {
+    found = {
         **curve_document(branch, math.radians(amplitude_deg)),
         "damping": slope_damping(branch),
         "base": base.name,
@@ -65,6 +71,72 @@ def design_curves(
         "wall_s": prediction.wall_s,
         "validity": None if checks is None else [c.to_json() for c in checks],
     }
+    if fine:
+        _keep_curves(curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz), found)
+    return found
+
+
+# Refined curves are kept on the disk, so that the page opens with them: to compile what they need takes half a minute
+# of a core. That of the rig which is offered first ships with Sinew (`tools/write_first_curve.py`).
+
+_MOST_KEPT = 64
+FIRST_CURVE = "first-curve.json"
+
+
+def kept_curves(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    pretension_mm: float,
+    amplitude_deg: float,
+    band_hz: Sequence[float] = (1.0, 6.0),
+) -> dict[str, Any] | None:
+    """Return what `design_curves` said of a joint when it was asked before, refined; None where that is not known.
+
+    Arguments as of `design_curves`. Needs no JAX, and a few milliseconds.
+    """
+    key = curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz)
+    for read in (_curves_file(key).read_text, files("sinew").joinpath("rigs", FIRST_CURVE).read_text):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            told = json.loads(read(encoding="utf-8"))
+            if told["key"] == key:
+                return dict(told["curves"])
+    return None
+
+
+def curves_key(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    pretension_mm: float,
+    amplitude_deg: float,
+    band_hz: Sequence[float],
+) -> str:
+    """Return what stands for a joint among those that are kept."""
+    meant = {name: value for name, value in changes.items() if value is not None}
+    asked = [rig, meant, float(pretension_mm), float(amplitude_deg), *map(float, band_hz)]
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+
+@functools.cache
+def _of_this_source() -> str:
+    """Return what stands for the equations as they are now: whoever changes them wants no curve of those before."""
+    root = files("sinew")
+    stats = [(str(path), path.stat()) for path in sorted(Path(str(root)).rglob("*.py"))]
+    text = repr([(name, about.st_size, about.st_mtime_ns) for name, about in stats])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _curves_file(key: str) -> Path:
+    return cache_folder() / "curves" / f"{_of_this_source()}-{key[:32]}.json"
+
+
+def _keep_curves(key: str, found: dict[str, Any]) -> None:
+    """Write curves down, and forget the oldest of them; a full disk costs a computation, nothing else."""
+    path = _curves_file(key)
+    with suppress(OSError, FileError):
+        write_text(path, json.dumps({"key": key, "curves": found}))
+        others = sorted(path.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
+        for old in others[:-_MOST_KEPT]:
+            old.unlink()
 
 
 def slope_damping(branch: "Branch") -> float | None:
@@ -332,17 +404,19 @@ def suggest_pretension(
 # A plan is previewed for its page: its faults and stages at once, and what `sinew check --json` says of it.
 
 
-def plan_outline(plan_toml: str) -> dict[str, Any]:
-    """Return what is known of a plan's text without a rig: `faults`, each with `line` (from 1, or None) and `sentence`;
-    of one without any also `name` and `stages`, as `sinew.plan.check.stages_of` has them."""
+def plan_outline(plan_toml: str, rig_toml: str | None = None) -> dict[str, Any]:
+    """Return what is known of a plan's text at once: `faults`, as `sinew.plan.toml.plan_faults` has them, each with
+    `line`, `sentence` and `is_limit`; where it is a plan, though it may break limits of a rig, also `name` and
+    `stages`, as `sinew.plan.check.stages_of` has them. Raises SpecError where the other text is no rig."""
     from sinew.plan.check import stages_of
     from sinew.plan.toml import parse_plan, plan_faults
 
-    faults = [fault._asdict() for fault in plan_faults(plan_toml)]
-    if faults:
-        return {"faults": faults}
+    faults = plan_faults(plan_toml, None if rig_toml is None else base_rig(rig_toml))
+    told = {"faults": [fault._asdict() for fault in faults]}
+    if not all(fault.is_limit for fault in faults):
+        return told
     plan = parse_plan(plan_toml)
-    return {"faults": [], "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
+    return {**told, "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
 
 
 def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:
