@@ -27,7 +27,7 @@ def _rounded(value: Any) -> Any:
 def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["SINEW_CACHE"] = folder
-        told = {"key": curves_key(*ASKED), "curves": _rounded(design_curves(*ASKED, fine=True))}
+        told = {"key": curves_key(*ASKED), "found": _rounded(design_curves(*ASKED, True))}
     write_text(Path("src/sinew/rigs") / FIRST_CURVE, json.dumps(told, separators=(",", ":")) + "\n")
     return 0
 

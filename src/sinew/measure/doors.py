@@ -142,14 +142,6 @@ def most_bytes() -> int:
 # What leaves: light to import, for a process that steers a bench writes notes, too.
 
 
-def cache_folder() -> Path:
-    """Return the folder of what need not be computed again: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else
-    ~/.cache/sinew."""
-    if chosen := os.environ.get("SINEW_CACHE"):
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sinew"
-
-
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file, see `write_atomically`."""
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
@@ -13,12 +14,13 @@ from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan, drive_reach
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.predict import foreseen
 from sinew.predict.bent import INPUTS, driven, driven_findings
 from sinew.predict.modes import Asked as AskedModes
 from sinew.predict.modes import Finder, out_of_plane
 from sinew.predict.pose import Asked, find_pose
 from sinew.solve.spatial import Rest, patterns
-from sinew.twin.simulate import foresee, peak_torsion, rest_tension
+from sinew.twin.simulate import foresee, rest_tension
 
 # ---- what a plan with a bent or swaying head is expected to show, by the linear joint
 #
@@ -168,7 +170,7 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
     preview = check_plan(plan, rig, tension)
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
-    return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+    return foreseen.foresee_plan(plan, rig)[0]
 
 
 def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, ...]:
@@ -226,11 +228,11 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None or plan.is_spatial:
         return preview, ""
     torsion, recording = foresee(plan, rig)
-    preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
-    try:
-        return preview, foretold(analyse_recording(recording, rig))
-    except RecordingError:  # nothing but rest, or groups too short to say anything
-        return preview, ""
+    torsion_deg, expected = np.degrees(torsion).tolist(), ""
+    with suppress(RecordingError):  # nothing but rest, or groups too short to say anything
+        expected = foretold(analyse_recording(recording, rig))
+    foreseen.keep_foreseen(plan, rig, preview.tension_n, torsion_deg, expected)
+    return check_plan(plan, rig, preview.tension_n, torsion_deg), expected
 
 
 def told_preview(plan: Plan, rig: RigSpec, preview: Preview, expected: tuple[Foretold, ...] = ()) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from functools import cache
 
 import jax
 
-from sinew.measure.doors import cache_folder
 from sinew.measure.errors import SpecError
+from sinew.measure.kept import cache_folder
 from sinew.measure.tasks import DEVICE, cores
 
 _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"

@@ -134,17 +134,19 @@ def _refuse_unfit_plan(
     pose, what holds it; and what the twin expects of its recording."""
     from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.preview import expected_of, foresee_plan, held_preview, sentences_of
+    from sinew.predict.foreseen import foresee_plan
 
     if not plan.is_spatial:
         (preview, expected), held = foresee_plan(plan, spec), None
         refuse_beyond_limits(preview)
     else:
+        from sinew.predict.preview import expected_of, held_preview, sentences_of
+
         (preview, rests), expected = held_preview(plan, spec), ""
         refuse_beyond_limits(preview)
         held = {mm: Held.of(rest) for mm, rest in rests.items()}
-    for sentence in sentences_of(expected_of(plan, spec, preview), plan):
-        remark(sentence)
+        for sentence in sentences_of(expected_of(plan, spec, preview), plan):
+            remark(sentence)
     pretensions = plan.pretension.pretension_mm
     bench_run.refuse_full_disk(folder, plan, preview.longest_s)
     return dict(zip(pretensions, preview.tension_n, strict=True)), held, expected

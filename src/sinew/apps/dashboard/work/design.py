@@ -1,18 +1,15 @@
 """What is computed before anything moves: the joint that sliders describe, a plan's preview and its prediction."""
 
 import functools
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.measure.doors import cache_folder, write_text
-from sinew.measure.errors import FileError, SpecError
+from sinew.measure.errors import SpecError
 from sinew.measure.estimate import all_finite
+from sinew.measure.kept import keep, key_of, recall
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -72,14 +69,14 @@ def design_curves(
         "validity": None if checks is None else [c.to_json() for c in checks],
     }
     if fine:
-        _keep_curves(curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz), found)
+        keep(_CURVES, curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz), found)
     return found
 
 
 # Refined curves are kept on the disk, so that the page opens with them: to compile what they need takes half a minute
 # of a core. That of the rig which is offered first ships with Sinew (`tools/write_first_curve.py`).
 
-_MOST_KEPT = 64
+_CURVES = "curves"
 FIRST_CURVE = "first-curve.json"
 
 
@@ -95,12 +92,9 @@ def kept_curves(
     Arguments as of `design_curves`. Needs no JAX, and a few milliseconds.
     """
     key = curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz)
-    for read in (_curves_file(key).read_text, files("sinew").joinpath("rigs", FIRST_CURVE).read_text):
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            told = json.loads(read(encoding="utf-8"))
-            if told["key"] == key:
-                return dict(told["curves"])
-    return None
+    shipped = json.loads(files("sinew").joinpath("rigs", FIRST_CURVE).read_text(encoding="utf-8"))
+    found: dict[str, Any] | None = recall(_CURVES, key)
+    return shipped["found"] if found is None and shipped["key"] == key else found
 
 
 def curves_key(
@@ -112,31 +106,7 @@ def curves_key(
 ) -> str:
     """Return what stands for a joint among those that are kept."""
     meant = {name: value for name, value in changes.items() if value is not None}
-    asked = [rig, meant, float(pretension_mm), float(amplitude_deg), *map(float, band_hz)]
-    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
-
-
-@functools.cache
-def _of_this_source() -> str:
-    """Return what stands for the equations as they are now: whoever changes them wants no curve of those before."""
-    root = files("sinew")
-    stats = [(str(path), path.stat()) for path in sorted(Path(str(root)).rglob("*.py"))]
-    text = repr([(name, about.st_size, about.st_mtime_ns) for name, about in stats])
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _curves_file(key: str) -> Path:
-    return cache_folder() / "curves" / f"{_of_this_source()}-{key[:32]}.json"
-
-
-def _keep_curves(key: str, found: dict[str, Any]) -> None:
-    """Write curves down, and forget the oldest of them; a full disk costs a computation, nothing else."""
-    path = _curves_file(key)
-    with suppress(OSError, FileError):
-        write_text(path, json.dumps({"key": key, "curves": found}))
-        others = sorted(path.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
-        for old in others[:-_MOST_KEPT]:
-            old.unlink()
+    return key_of(rig, meant, float(pretension_mm), float(amplitude_deg), *map(float, band_hz))
 
 
 def slope_damping(branch: "Branch") -> float | None:
