@@ -5,14 +5,34 @@ of the same texts. They are kept (`sinew.measure.kept`); the limits are looked a
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+from sinew.measure.estimate import finite
 from sinew.measure.kept import keep, key_of, recall
 from sinew.plan.check import Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 
 _KIND = "foreseen"
+
+
+class Foretold(NamedTuple):
+    """What the sweep should give at a pretension [mm] and a frequency [Hz].
+
+    drive: amplitude of the drive's motion, the lever's against the swinging head [deg] or of the tendons [mm].
+    torsion_deg, across_deg, in_plane_deg: amplitudes of the torsion and of the tilt across the bend and in its plane.
+    highest_n, lowest_n: tension of a tendon over the swing; what torsion adds to it grows with its square and is not
+    in it.
+    """
+
+    pretension_mm: float
+    frequency_hz: float
+    drive: float
+    torsion_deg: float
+    across_deg: float
+    in_plane_deg: float
+    highest_n: float
+    lowest_n: float
 
 
 def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
@@ -35,3 +55,28 @@ def keep_foreseen(
 
 def _key(plan: Plan, rig: RigSpec) -> str:
     return key_of(plan.model_dump_json(), rig.model_dump_json())
+
+
+def told_preview(plan: Plan, rig: RigSpec, preview: Preview, expected: tuple[Foretold, ...] = ()) -> dict[str, Any]:
+    """Return the preview of a plan on a rig as JSON holds it. expected: of `expected_of`."""
+    drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
+    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=False)  # empty where not previewed
+    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)
+    pose = {} if plan.rest_pose.is_straight else {"pose": plan.rest_pose.to_json()}
+    return {
+        "plan": plan.name,
+        "rig": rig.name,
+        **pose,
+        "ok": not preview.refusals,
+        "duration_s": preview.duration_s,
+        "longest_s": preview.longest_s,
+        "bench_s": preview.bench_s,
+        "groups": preview.groups,
+        "samples": preview.samples,
+        "full_amplitude_hz": preview.full_amplitude_hz,
+        "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
+        "tension": [{"pretension_mm": p, "tension_n": finite(t)} for p, t in tension],
+        "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
+        **({"expected": [row._asdict() for row in expected]} if expected else {}),
+        "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
+    }

@@ -186,8 +186,10 @@ class _Sliders:
         else:
             self._tell(self._now.found, fine=True)
         self._site.work.warm_up()
+        if self._now.found is not None and self._now.found.get("is_shipped"):
+            await self._compute(self._turn, fine=True)
         for joint in joints[1:]:
-            if joint.found is None:
+            if joint.found is None or joint.found.get("is_shipped"):
                 await self._finish(joint)
 
     @contextmanager

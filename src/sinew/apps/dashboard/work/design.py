@@ -76,7 +76,7 @@ def design_curves(
 # Refined curves are kept on the disk, so that the page opens with them: to compile what they need takes half a minute
 # of a core. That of the rig which is offered first ships with Sinew (`tools/write_first_curve.py`).
 
-_CURVES = "curves"
+_CURVES, _PREDICTED = "curves", "predicted"
 FIRST_CURVE = "first-curve.json"
 
 
@@ -89,12 +89,14 @@ def kept_curves(
 ) -> dict[str, Any] | None:
     """Return what `design_curves` said of a joint when it was asked before, refined; None where that is not known.
 
-    Arguments as of `design_curves`. Needs no JAX, and a few milliseconds.
+    Arguments as of `design_curves`. Needs no JAX, and a few milliseconds. `is_shipped`: whether it came with Sinew, of
+    the equations as they were then.
     """
     key = curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz)
+    if (found := recall(_CURVES, key)) is not None:
+        return {**found, "is_shipped": False}
     shipped = json.loads(files("sinew").joinpath("rigs", FIRST_CURVE).read_text(encoding="utf-8"))
-    found: dict[str, Any] | None = recall(_CURVES, key)
-    return shipped["found"] if found is None and shipped["key"] == key else found
+    return {**shipped["found"], "is_shipped": True} if shipped["key"] == key else None
 
 
 def curves_key(
@@ -267,20 +269,30 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
     `phase_90` and `folds` as of `design_curves`. With bands also `gain_low`, `gain_high`, `phase_low`, `phase_high`:
     of what a sweep up or one down meets; None where no draw has a curve. `can_have_bands`: whether the rig holds
     intervals. `amplitude_deg`: of the command. `remarks`: sentences on the bands.
-    Raises SpecError where a text is no plan or no rig.
+    It is kept, and comes from the disk the next time. Raises SpecError where a text is no plan or no rig.
     """
+    from sinew.plan.toml import parse_plan, parse_rig
+
+    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    if plan.is_spatial:
+        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
+    key = key_of(plan.model_dump_json(), rig.model_dump_json(), draws)
+    found: dict[str, Any] | None = recall(_PREDICTED, key)
+    if found is None:
+        found = _predicted_for(plan, rig, draws)
+        keep(_PREDICTED, key, found)
+    return found
+
+
+def _predicted_for(plan: "Plan", rig: "RigSpec", draws: int) -> dict[str, Any]:
     import numpy as np
 
-    from sinew.plan.toml import parse_plan, parse_rig
     from sinew.predict.band import bands_of, draw_rigs, spread_of
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.solve.curves import predict
     from sinew.twin.cache import configure
 
     configure()
-    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
-    if plan.is_spatial:
-        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
     pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
     amplitude_deg, band_hz = _driven(plan)
     prediction = predict(joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode), band_hz, RESOLUTION)
@@ -400,11 +412,16 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     from sinew.bench.preflight import wire_times
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
-    from sinew.predict.preview import held_preview, preview_plan, told_preview
+    from sinew.predict.foreseen import foresee_plan, told_preview
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     require_motors(plan, "the bench")
-    preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig, swing=swing)
+    if swing and not plan.is_spatial:
+        preview = foresee_plan(plan, rig)[0]
+    else:
+        from sinew.predict.preview import held_preview, preview_plan
+
+        preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
     told = told_preview(plan, rig, preview) | {"wire": wire_times(plan, rig)}
     return {**told, "refusals": list(preview.refusals), "warnings": warnings}
