@@ -26,8 +26,8 @@ def run(
 ) -> int:
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
 
-    Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, which
-    `sinew analyse` reads. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
+    Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, and what
+    `sinew analyse` finds in it DIR/results.nc and DIR/analysis.json. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
     the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
     with --resume.
 
