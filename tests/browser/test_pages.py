@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text
+from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text, served
 
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import load_rig
@@ -245,6 +245,7 @@ def test_a_slider_changes_the_curve_within_150_ms(opened: Open, shown: Served) -
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")
     page.wait_for_timeout(3000)
+    page.wait_for_selector("#sinew-compiling", state="hidden")
     page.evaluate("""() => {
       const chart = document.querySelector('#sinew-design-gain');
       const drawing = () => [...chart.querySelectorAll('path')].map(p => p.getAttribute('d')).join('');
@@ -431,6 +432,14 @@ def test_joints_are_kept_side_by_side_and_a_design_becomes_a_rig(opened: Open, s
         page.click("#sinew-rig-download")
     download.value.save_as(tmp_path / "mine.toml")
     assert load_rig(tmp_path / "mine.toml").silicone.length.value == pytest.approx(0.110)
+
+
+def test_the_joint_as_built_is_drawn_before_anything_is_compiled(opened: Open, tmp_path: Path) -> None:
+    with served(tmp_path / "runs") as fresh:
+        page = opened(fresh, "/design")
+        page.wait_for_selector("#sinew-compiling")
+        assert page.inner_text("#sinew-peak").startswith("Largest gain 2.09")
+        page.wait_for_selector("#sinew-compiling", state="hidden")
 
 
 def test_the_wanted_resonance_moves_a_mark_and_nothing_is_computed(opened: Open, shown: Served) -> None:

@@ -27,9 +27,9 @@ def run(
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
 
     Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, and what
-    `sinew analyse` finds in it DIR/results.nc and DIR/analysis.json. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
-    the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
-    with --resume.
+    `sinew analyse` finds in it DIR/results.nc and DIR/analysis.json. Whatever happens, and after Ctrl-C, the motors end
+    in the rig's declared safe state; where the port is lost, their own bus watchdog stops them. A run that was cut off
+    goes on at its first unfinished group with --resume.
 
     Where the computer paused for so long that the motors stopped themselves, an emulated bench is brought to rest and
     the run goes on by itself from its last whole group; a real one is left in its safe state, and on a terminal one

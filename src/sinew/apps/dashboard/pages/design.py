@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, NamedTuple
@@ -52,7 +52,7 @@ _DRAWN_ONLY = "wanted_hz"
 """It moves a mark, and nothing is computed for it."""
 
 
-_COMPILES = "The equations are being compiled, once: some seconds, more where the computer is busy."
+_COMPILES = "The equations behind the sliders are being compiled: some seconds, more where the computer is busy."
 
 
 def add_design_page(site: Site) -> None:
@@ -132,7 +132,7 @@ class _Sliders:
                 with card("Phase: lag of the torsion", 12):
                     self._phase = Curves("phase")
                 with card("What it is worth", 12):
-                    self._waiting = empty("")
+                    self._waiting = empty("").props("id=sinew-compiling")
                     self._waiting.set_visibility(False)
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     self._checks = ui.element("div").classes("sinew-stack")
@@ -185,6 +185,8 @@ class _Sliders:
             await self._change()
         else:
             self._tell(self._now.found, fine=True)
+            with self._counted(), suppress(SinewError):  # what cannot be sketched is said when a slider asks for it
+                await self._curves_of(self._now.values, "sketch_curves")
         self._site.work.warm_up()
         if self._now.found is not None and self._now.found.get("is_shipped"):
             await self._compute(self._turn, fine=True)
