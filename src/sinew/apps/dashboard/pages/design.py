@@ -103,6 +103,7 @@ class _Sliders:
         self._best = 0.0
         self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
+        self._is_sketched = False  # whether the equations of a sketch are compiled, as far as this page knows
 
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
@@ -207,6 +208,7 @@ class _Sliders:
         counter = ui.timer(1.0, count, immediate=False)
         try:
             yield
+            self._is_sketched = True
         finally:
             counter.cancel()
             if not self._waiting.is_deleted:
@@ -246,7 +248,7 @@ class _Sliders:
     async def _compute(self, turn: int, *, fine: bool) -> None:
         name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
         try:
-            with nullcontext() if fine else self._counted():
+            with nullcontext() if fine or self._is_sketched else self._counted():
                 found = await self._curves_of(values, name, key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
