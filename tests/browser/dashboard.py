@@ -91,10 +91,19 @@ def choose_plan(page: Any, name: str) -> None:
     raise AssertionError(f"no plan {name} can be chosen")
 
 
+_AT_REST = """() => {
+  const ends = (one) => one.effect?.getComputedTiming().endTime !== Infinity;
+  const moves = document.getAnimations().some((one) => one.playState === "running" && ends(one));
+  return !moves && !document.querySelector("[class*=-enter-from], [class*=-enter-active], [class*=-leave-active]");
+}"""
+"""Whether nothing in a page fades in or out any more; what turns for ever, as a spinner, is let be."""
+
+
 def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]:
-    """Return whatever axe-core finds in a page, or within a part of it, however small."""
+    """Return whatever axe-core finds in a page that is at rest, or within a part of it, however small."""
     playwright = pytest.importorskip("playwright.sync_api")
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+    page.wait_for_function(_AT_REST, timeout=20_000)
     try:
         found = axe.Axe().run(page, within)
     except playwright.Error:  # on a busy computer a page that lost its server for a moment loads itself anew

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text
+from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text, served
 
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import load_rig
@@ -245,6 +245,7 @@ def test_a_slider_changes_the_curve_within_150_ms(opened: Open, shown: Served) -
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")
     page.wait_for_timeout(3000)
+    page.wait_for_selector("#sinew-compiling", state="hidden")
     page.evaluate("""() => {
       const chart = document.querySelector('#sinew-design-gain');
       const drawing = () => [...chart.querySelectorAll('path')].map(p => p.getAttribute('d')).join('');
@@ -370,6 +371,21 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     assert page.inner_text("#sinew-plan-state").startswith("Unchanged")
 
 
+def test_every_fault_of_a_list_stands_at_its_line(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/plan")
+    page.wait_for_selector(".sinew-timeline")
+    edit_plan(page, r"frequency_hz = \[[^\]]*\]", "frequency_hz = [2.7, 3.0, -4, 900]")
+    said = page.locator(".sinew-fault-line:has-text('-4, 900') .sinew-fault").inner_text()
+    assert "third entry: found -4" in said
+    assert "asks for 900 Hz, the rig allows 10 Hz" in said
+    assert page.locator("#sinew-faults .sinew-bad").count() == 3
+    edit_plan(page, "-4, 900", "900")
+    page.wait_for_selector(".sinew-timeline")
+    assert "asks for 900 Hz" in page.locator(".sinew-fault").inner_text()
+    assert page.locator("#sinew-start").is_disabled()
+    page.click("#sinew-plan-discard")
+
+
 def test_a_plan_is_kept_on_the_shelf_and_deleted_from_it_by_the_operator(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")
@@ -416,6 +432,14 @@ def test_joints_are_kept_side_by_side_and_a_design_becomes_a_rig(opened: Open, s
         page.click("#sinew-rig-download")
     download.value.save_as(tmp_path / "mine.toml")
     assert load_rig(tmp_path / "mine.toml").silicone.length.value == pytest.approx(0.110)
+
+
+def test_the_joint_as_built_is_drawn_before_anything_is_compiled(opened: Open, tmp_path: Path) -> None:
+    with served(tmp_path / "runs") as fresh:
+        page = opened(fresh, "/design")
+        page.wait_for_selector("#sinew-compiling")
+        assert page.inner_text("#sinew-peak").startswith("Largest gain 2.09")
+        page.wait_for_selector("#sinew-compiling", state="hidden")
 
 
 def test_the_wanted_resonance_moves_a_mark_and_nothing_is_computed(opened: Open, shown: Served) -> None:

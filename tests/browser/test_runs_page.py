@@ -4,9 +4,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from benchmarks.run_index import make_runs
 from tests.browser.dashboard import Served, findings, served
+
+from sinew.measure.files.netcdf import load_dataset, save_dataset
 
 pytestmark = pytest.mark.slow
 
@@ -30,18 +33,20 @@ def listed(opened: Open, lab: Served, path: str = "/runs", *, take: bool = False
         page.wait_for_function("Sinew.status().signed_in")
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator && Sinew.status().operator.mine")
+    await_found(page, r"\d+ runs?")
     page.wait_for_selector(f"{ROWS} td:nth-child(3)")
     return page
 
 
-def await_rows(page: Any, count: int) -> None:
-    page.wait_for_function(f"document.querySelectorAll('{ROWS} [role=checkbox]').length === {count}")
+def await_found(page: Any, said: str) -> None:
+    """Wait until every folder is read, and so many runs are found. said: a pattern."""
+    page.wait_for_function(f"/^{said}$/.test(document.querySelector('#sinew-found')?.textContent)")
 
 
 def test_a_search_by_numbers_finds_runs_and_stands_in_the_address(opened: Open, lab: Served) -> None:
     page = listed(opened, lab)
     page.fill("input[type=search]", "tag:aged f_r>3 pretension=6")
-    await_rows(page, 1)
+    await_found(page, "1 run found")
     page.wait_for_function("location.search.startsWith('?search=tag')")
     assert "run-0000" in page.inner_text(ROWS)
 
@@ -57,6 +62,29 @@ def test_a_trend_is_told_in_a_sentence_beside_its_chart(opened: Open, lab: Serve
     page = listed(opened, lab)
     page.wait_for_selector("[data-trend] svg")
     assert "f_r at 6 mm falls by" in page.inner_text("[data-trend]")
+
+
+def test_a_trend_opens_with_what_a_run_has(opened: Open, tmp_path: Path) -> None:
+    make_runs(tmp_path / "runs", 3)
+    for folder in sorted((tmp_path / "runs").glob("run-*")):
+        results = load_dataset(folder / "results.nc").load()
+        unknown = {name: np.nan * results[name] for name in results if str(name).startswith("resonance_")}
+        save_dataset(results.assign(unknown), folder / "results.nc")
+    with served(tmp_path / "runs") as lab:
+        page = listed(opened, lab)
+        page.wait_for_selector("[data-trend] svg")
+        assert "D at 6 mm" in page.inner_text("[data-trend]")
+        page.get_by_text("Frequency of the largest fundamental").click()
+        page.wait_for_selector("[data-trend] >> text=No run of the list tells the frequency of the largest")
+        page.fill("input[type=search]", "name:nowhere")
+        await_found(page, "0 runs found")
+        page.wait_for_selector("[data-trend] >> text=No run of the list tells the frequency of the largest")
+
+
+def test_that_no_run_tells_anything_over_months_is_said(opened: Open, tmp_path: Path) -> None:
+    with served(tmp_path / "runs") as lab:
+        page = opened(lab, "/runs")
+        page.wait_for_selector("[data-trend] >> text=No run of the list tells any of these")
 
 
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
@@ -109,7 +137,7 @@ def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_as
     for name in ("run-0003", "run-0004"):
         page.click(f"[aria-label='choose {name}']")
     page.fill("input[type=search]", "name:run-0004")
-    await_rows(page, 1)
+    await_found(page, "1 run found")
     page.click("#sinew-bin")
     assert page.inner_text("[data-asked]") == "Put run-0004 into the bin? It can be taken out again."
     assert findings(page, ".q-dialog") == []

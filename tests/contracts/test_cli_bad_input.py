@@ -141,7 +141,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "truncated NetCDF": (truncated, ("export", "in.nc", "--to", "csv", "--out", "out.csv"), "cut short"),
     "truncated NetCDF to analyse": (truncated, ("analyse", "in.nc", "--out", "out"), "cut short"),
     "junk for NetCDF": (junk_recording, ("analyse", "in.nc", "--out", "out"), "in.nc is not a NetCDF file"),
-    "negative pretension": (negative_pretension, SIMULATE, "pretension.pretension_mm[0]: found -1"),
+    "negative pretension": (negative_pretension, SIMULATE, "pretension.pretension_mm, first entry: found -1"),
     "plan beyond limits": (beyond_limits, SIMULATE, "sweep asks for 60°, the rig allows 45°"),
     "unknown rig key": (unknown_key, ("check", "short", "--rig", "rig.toml"), "did you mean pulley_radius?"),
     "analyse into a file": (folder_that_is_a_file, ANALYSE, "cannot write into out"),

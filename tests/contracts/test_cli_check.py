@@ -111,7 +111,7 @@ def test_the_drives_shortfall_is_told_to_a_person() -> None:
     rows("""
         repeats = 1 => repeats = 100000000 => found 100000000, expected less than or equal to 100000
         repeats = 1 => repeats = 90000 => expected at most 100000; lower repeats
-        [0, 6, 12] => [4, 4] => pretension_mm lists 4 more than once
+        [0, 6, 12] => [4, 4] => pretension_mm: found 4 more than once
         settle_s = => settle_s = 9000 # => settle_s: found 9000, expected less than or equal to 3600
     """),
 )

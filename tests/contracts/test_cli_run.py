@@ -79,9 +79,9 @@ def test_the_pretension_of_a_whole_run_came_out_as_asked(whole: Whole) -> None:
     assert pretension["tilt_deg"] < 0.2
 
 
-def test_a_whole_run_leaves_recording_and_journal_and_nothing_else(whole: Whole) -> None:
+def test_a_whole_run_leaves_journal_recording_and_what_it_found(whole: Whole) -> None:
     left = {path.name for path in whole.folder.iterdir() if not path.name.startswith("journal.sqlite-")}
-    assert left == {"tiny.toml", "recording.nc", "journal.sqlite", "journal.sqlite.lock"}
+    assert left == {"tiny.toml", "recording.nc", "results.nc", "analysis.json", "journal.sqlite", "journal.sqlite.lock"}
 
 
 def test_the_recording_of_a_whole_run_says_by_which_command_it_came(whole: Whole) -> None:

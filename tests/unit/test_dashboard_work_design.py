@@ -1,13 +1,15 @@
 """Sliders: a sketch that is right, that never compiles anew, and sentences where a number cannot be meant."""
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
+from tools import write_first_curve
 
-from sinew.apps.dashboard.work.design import design_curves, rig_text, slope_damping
+from sinew.apps.dashboard.work.design import design_curves, kept_curves, rig_text, slope_damping
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import parse_rig
 
@@ -106,3 +108,36 @@ def test_a_change_that_cannot_be_meant_is_refused(changes: dict[str, float | str
 def test_a_drive_that_cannot_be_meant_is_refused(pretension: float, amplitude: float) -> None:
     with pytest.raises(SpecError):
         design_curves("paper", {}, pretension, amplitude, BAND_HZ)
+
+
+FIRST = write_first_curve.ASKED
+
+
+@pytest.mark.slow
+def test_the_curve_that_ships_is_what_is_computed_and_that_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SINEW_CACHE", str(tmp_path))
+    shipped = kept_curves(*FIRST)
+    assert shipped is not None
+    found = design_curves(*FIRST, fine=True)
+    within = found["error_estimate"] * max(found["gain"]) + 1e-4 * max(found["gain"])  # it ships with five digits
+    at = np.interp(shipped["frequency_hz"], found["frequency_hz"], found["gain"])
+    near = np.interp(shipped["frequency_hz"], found["frequency_hz"], np.abs(np.gradient(found["gain"])))
+    assert np.all(np.abs(at - shipped["gain"]) < within + 0.05 * near)  # a straight line between two points
+    for mark in ("peak", "phase_90"):
+        assert shipped[mark]["frequency_hz"] == pytest.approx(found[mark]["frequency_hz"], rel=5e-4)
+    assert shipped.pop("is_shipped")
+    assert shipped.keys() == found.keys()
+    assert kept_curves(*FIRST) == {**found, "is_shipped": False}
+    for file in (tmp_path / "curves").iterdir():
+        file.write_text("{", encoding="utf-8")
+    assert kept_curves(*FIRST) == {**shipped, "is_shipped": True}
+
+
+def test_of_another_joint_no_curve_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SINEW_CACHE", str(tmp_path))
+    rig, _, *others = FIRST
+    assert kept_curves(rig, {"length_mm": 90.0}, *others) is None
+    assert kept_curves(rig.replace("paper", "other"), {}, *others) is None
+    assert kept_curves(rig, {"length_mm": None}, *others) is not None

@@ -55,7 +55,7 @@ def test_a_plan_that_breaks_a_limit_is_an_answer() -> None:
 def test_the_outline_of_a_plan_is_its_stages_and_of_what_is_none_its_faults() -> None:
     assert [stage["kind"] for stage in plan_outline(PLAN)["stages"]][:3] == ["pull", "change", "rest"]
     outline = plan_outline(PLAN.replace("[3, 3.4]", "[3.4, 3]"))
-    assert [fault["line"] for fault in outline["faults"]] == [5]
+    assert [fault["line"] for fault in outline["faults"]] == [6]
     assert "stages" not in outline
 
 

@@ -88,7 +88,7 @@ RIG_FAULTS = {
     "number instead of a parameter": (
         r"\[bus\]\nstamp_jitter = {",
         "[bus]\nstamp_jitter = 3\nx = {",
-        "(and 1 more fault)",
+        "expected one of stamp_jitter, drive_delay; rig key bus.stamp_jitter: found 3, expected { value, unit",
     ),
     "text for a number": (
         "count = 4",
@@ -150,14 +150,18 @@ PLAN_FAULTS = {
     "negative pretension": (
         "pretension_mm = [0, 1, 2,",
         "pretension_mm = [0, -1, 2,",
-        "plan key pretension.pretension_mm[1]: found -1, expected greater than or equal to 0",
+        "plan key pretension.pretension_mm, second entry: found -1, expected greater than or equal to 0",
     ),
     "text for a number": (
         "amplitude_deg = 20",
         'amplitude_deg = "20"',
         "plan key sweep.amplitude_deg: found '20', expected a valid number",
     ),
-    "frequencies that fall": ("1.5, 1.8", "1.8, 1.5", "plan key sweep: frequency_hz must increase"),
+    "frequencies that fall": (
+        "1.5, 1.8",
+        "1.8, 1.5",
+        "plan key sweep.frequency_hz: found 1.8 to 1.5, expected that it increases",
+    ),
     "infinite frequency": ("5.6, 6,", "5.6, inf,", "found inf, expected a finite number"),
     "no repeats": ("repeats = 3", "repeats = 0", "found 0, expected greater than or equal to 1"),
     "unknown mode": (
@@ -175,10 +179,13 @@ def test_a_fault_in_a_plan_is_one_line_with_its_key(old: str, new: str, sentence
     assert sentence in refusal(parse_plan, PLAN_TEXT, old, new)
 
 
-def test_of_several_faults_the_first_is_told_and_the_rest_counted() -> None:
+def test_of_several_faults_four_are_told_and_the_rest_counted() -> None:
     text = PLAN_TEXT.replace("settle_s = 3", "settle_s = -3").replace("periods = 5", "periods = 0")
-    with pytest.raises(SpecError, match=r"sweep\.settle_s: found -3.*\(and 1 more fault\)$"):
+    with pytest.raises(SpecError, match=r"sweep\.settle_s: found -3.*; plan key sweep\.periods: found 0") as caught:
         parse_plan(text)
+    assert "more" not in str(caught.value)
+    with pytest.raises(SpecError, match=r"fourth entry: found -4, expected greater than 0; 4 more faults$"):
+        parse_plan(PLAN_TEXT.replace(" 1.5,", " -1, -2, -3, -4, -5, -6, -7, -8,"))
 
 
 def test_a_misspelt_key_is_not_counted_again_as_missing() -> None:
@@ -294,7 +301,7 @@ repeats = 2
         ("repeats = 2", 'repeats = "many"', [6, 12]),
         ("repeats", "repets", [6, 12]),
         ("frequency_hz = [3, 4]", "", [6, 10]),
-        ("[3, 4]", "[4, 3]", [6, 10]),
+        ("[3, 4]", "[4, 3]", [6, 11]),
         ("[sweep]\nfrequency_hz", "[sweep]\nfrequency_hz = [1]\nfrequency_hz", [12]),
         ('name = "placed"', "name = placed", [1]),
         ("repeats = 2", "repeats =", [12]),
@@ -303,6 +310,22 @@ repeats = 2
 )
 def test_the_faults_of_a_plan_are_at_their_lines(before: str, after: str, lines: list[int]) -> None:
     assert [fault.line for fault in plan_faults(PLACED.replace(before, after, 1))] == lines
+
+
+def test_every_fault_of_a_list_is_told_with_what_stands_there() -> None:
+    text = PLACED.replace("-1", "9").replace("[3, 4]", "[3, -4, 2, 900, 'x']")
+    told = [fault.sentence for fault in plan_faults(text, load_rig("paper"))]
+    assert told == [
+        "plan key sweep.frequency_hz, second entry: found -4, expected greater than 0",
+        "plan key sweep.frequency_hz, fifth entry: found 'x', expected a valid number",
+        "plan key sweep.frequency_hz: found 3 to 2, expected that it increases from one entry to the next",
+    ]
+
+
+def test_a_limit_of_the_rig_is_told_at_its_line_beside_what_is_no_plan() -> None:
+    text = PLACED.replace("[3, 4]", "[3, -4, 30, 900]").replace("8,", "99,")
+    told = [(fault.line, fault.is_limit) for fault in plan_faults(text, load_rig("paper"))]
+    assert told == [(4, True), (6, False), (11, False), (11, True), (11, True)]
 
 
 def test_a_fault_of_a_dotted_key_is_at_its_line() -> None:

@@ -58,7 +58,7 @@ def test_a_wiring_comes_back_from_its_text() -> None:
         tendon_pull = [1, 1, 1, 1] => tendon_pull = [1, 1, 1] => 3 signs for 4 tendon_ids
         drive_sign = 1 => drive_sign = 2 => wiring.drive_sign: found 2, expected 1 or -1
         count = 4 => count = 3 => wiring.tendon_ids has 4 ids and tendons.count is 3
-        ["+x", "+y" => ["x", "+y" => wiring.imu_axes[0]: found 'x', expected '+x', '-x'
+        ["+x", "+y" => ["x", "+y" => wiring.imu_axes, first entry: found 'x', expected '+x', '-x'
         ["+x", "+y" => ["+x", "-x" => imu_axes +x, -x, +z are no right-handed frame
         ["+x", "+y" => ["-x", "+y" => imu_axes -x, +y, +z are no right-handed frame
         drive_id = 5 => drive_ids = 5 => unknown rig key wiring.drive_ids; did you mean drive_id?

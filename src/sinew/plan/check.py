@@ -10,7 +10,7 @@ import numpy as np
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
-from sinew.plan.plan import Plan
+from sinew.plan.plan import Plan, listed
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
 
@@ -150,10 +150,11 @@ _DECAY_PERIODS = 5
 
 
 class Finding(NamedTuple):
-    """What a check found: refuse stops a run, warn does not."""
+    """What a check found: refuse stops a run, warn does not. key: of the plan, at which it is to be mended."""
 
     severity: Literal["refuse", "warn"]
     sentence: str
+    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,7 @@ def check_plan(
     reached_deg = [math.degrees(r.amplitude_rad) for r in reach]
     groups = plan.groups()
     findings = [
-        *_setting_findings(plan, rig),
+        *setting_findings(plan, rig),
         *_current_findings(plan, rig, reach),
         *_tension_findings(plan, rig, tensions),
         *_torsion_findings(plan, rig, torsions),
@@ -348,36 +349,35 @@ def refuse_beyond_limits(preview: Preview) -> None:
         raise SpecError(preview.refusals[0] + tail)
 
 
-def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
+def setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
     """Yield what the plan sets beyond the limits: pretension, amplitude, frequency, sample rate, supply."""
     limits = rig.limits
     low, high = limits.pretension_mm
     moved_to = plan.track.pretension_to_mm if plan.track is not None else None
-    asked = (*plan.pretension.pretension_mm, *(() if moved_to is None else (moved_to,)))
-    beyond = [p for p in asked if not low <= p <= high]
-    if beyond:
-        yield Finding(
-            "refuse",
-            f"plan asks for a pretension of {max(beyond):g} mm, the rig allows {low:g} to {high:g} mm; "
-            "change pretension.pretension_mm",
-        )
-    for part, amplitude, frequency in _drives(plan):
+    asked = {"pretension.pretension_mm": plan.pretension.pretension_mm}
+    asked |= {} if moved_to is None else {"track.pretension_to_mm": (moved_to,)}
+    for key, pretensions in asked.items():
+        if beyond := [p for p in pretensions if not low <= p <= high]:
+            sentence = f"plan asks for {_a_or_some('pretension', beyond)} mm, the rig allows {low:g} to {high:g} mm"
+            yield Finding("refuse", f"{sentence}; change {key}", key)
+    for part, amplitude, key, frequencies in _drives(plan):
         if amplitude is not None and amplitude > limits.drive_amplitude_deg:
             yield Finding(
                 "refuse",
                 f"{part} asks for {amplitude:g}°, the rig allows {limits.drive_amplitude_deg:g}°; "
                 f"lower {part}.amplitude_deg",
+                f"{part}.amplitude_deg",
             )
-        if frequency > limits.drive_hz:
+        if beyond := [hertz for hertz in frequencies if hertz > limits.drive_hz]:
+            sentence = f"{part} asks for {listed(beyond)} Hz, the rig allows {limits.drive_hz:g} Hz; lower {key}"
+            yield Finding("refuse", sentence, key)
+        if beyond := [hertz for hertz in frequencies if hertz * _SAMPLES_PER_PERIOD > plan.sample_hz * (1 + 1e-12)]:
             yield Finding(
                 "refuse",
-                f"{part} asks for {frequency:g} Hz, the rig allows {limits.drive_hz:g} Hz; lower {part}.frequency_hz",
-            )
-        if frequency * _SAMPLES_PER_PERIOD > plan.sample_hz * (1 + 1e-12):
-            yield Finding(
-                "refuse",
-                f"{part} asks for {frequency:g} Hz, a tenth of the Nyquist frequency is "
-                f"{plan.sample_hz / _SAMPLES_PER_PERIOD:g} Hz; raise sample_hz to {frequency * _SAMPLES_PER_PERIOD:g}",
+                f"{part} asks for {listed(beyond)} Hz, a tenth of the Nyquist frequency is "
+                f"{plan.sample_hz / _SAMPLES_PER_PERIOD:g} Hz; raise sample_hz to "
+                f"{max(beyond) * _SAMPLES_PER_PERIOD:g}",
+                key,
             )
     low, high = limits.voltage_v
     supply = rig.drive.supply_voltage.value
@@ -385,16 +385,22 @@ def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
         yield Finding("refuse", f"drive.supply_voltage is {supply:g} V, the rig allows {low:g} to {high:g} V")
 
 
-def _drives(plan: Plan) -> Iterator[tuple[str, float | None, float]]:
-    """Yield (section, amplitude of the lever [deg], highest frequency [Hz]) of each driven part of a plan.
+def _a_or_some(noun: str, values: Sequence[float]) -> str:
+    return f"{f'a {noun}' if len(values) == 1 else f'{noun}s'} of {listed(values)}"
+
+
+def _drives(plan: Plan) -> Iterator[tuple[str, float | None, str, tuple[float, ...]]]:
+    """Yield (section, amplitude of the lever [deg], key of frequencies, these [Hz]) of each driven part of a plan.
 
     The amplitude is None where the tendons drive.
     """
     for name, part in (("sweep", plan.sweep), ("ring_down", plan.ring_down)):
         if part is not None:
-            yield name, part.amplitude_deg if part.drive == "lever" else None, max(part.frequency_hz)
+            amplitude = part.amplitude_deg if part.drive == "lever" else None
+            yield name, amplitude, f"{name}.frequency_hz", part.frequency_hz
     if (track := plan.track) is not None:
-        yield "track", max(track.amplitude_deg) if track.held != "torsion" else 0.0, track.high_hz
+        amplitude = max(track.amplitude_deg) if track.held != "torsion" else 0.0
+        yield "track", amplitude, "track.high_hz", (track.high_hz,)
 
 
 def _current_findings(plan: Plan, rig: RigSpec, reach: Sequence[Reach]) -> Iterator[Finding]:

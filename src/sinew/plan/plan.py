@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from sinew.measure.errors import SpecError
 from sinew.measure.recording import Segment
@@ -34,6 +35,17 @@ MOST_SAMPLES = 10**9
 """And more samples in a campaign: two months at 200 Hz."""
 
 
+_MOST_LISTED = 6
+
+
+def listed(values: Sequence[float] | Sequence[str]) -> str:
+    """Return numbers or words in a row: 3, 4 and 5."""
+    words = [one if isinstance(one, str) else f"{one:g}" for one in values]
+    if len(words) > _MOST_LISTED:
+        words = [*words[: _MOST_LISTED - 1], f"{len(words) - _MOST_LISTED + 1} more"]
+    return " and ".join([*([", ".join(words[:-1])] if words[1:] else []), *words[-1:]])
+
+
 def _few(most: int, what: str) -> BeforeValidator:
     """Return what refuses too long a list before anything is made of it."""
 
@@ -47,6 +59,23 @@ def _few(most: int, what: str) -> BeforeValidator:
     return BeforeValidator(refuse_many)
 
 
+def _visited_once(pretension_mm: tuple[float, ...]) -> tuple[float, ...]:
+    twice = sorted(p for p, count in Counter(pretension_mm).items() if count > 1)
+    if twice:
+        raise ValueError(
+            f"found {listed(twice)} more than once, and the later visit would overwrite the earlier; "
+            "list it once and raise repeats"
+        )
+    return pretension_mm
+
+
+def _increasing(frequency_hz: tuple[float, ...]) -> tuple[float, ...]:
+    falls = [f"{a:g} to {b:g}" for a, b in pairwise(frequency_hz) if b <= a]
+    if falls:
+        raise ValueError(f"found {listed(falls)}, expected that it increases from one entry to the next")
+    return frequency_hz
+
+
 class Pretension(Settings):
     """The pretensions to visit and how the tendon motors hold them.
 
@@ -55,19 +84,14 @@ class Pretension(Settings):
     rest_s: idle record after each change, at rest, for the gyroscope bias [s].
     """
 
-    pretension_mm: Annotated[tuple[NotNegative, ...], Field(min_length=1), _few(MOST_PRETENSIONS, "pretensions")]
+    pretension_mm: Annotated[
+        tuple[NotNegative, ...],
+        Field(min_length=1),
+        _few(MOST_PRETENSIONS, "pretensions"),
+        AfterValidator(_visited_once),
+    ]
     mode: TendonMode = "position"
     rest_s: Duration = 1.0
-
-    @model_validator(mode="after")
-    def _visited_once(self) -> "Pretension":
-        twice = sorted(p for p, count in Counter(self.pretension_mm).items() if count > 1)
-        if twice:
-            raise ValueError(
-                f"pretension_mm lists {twice[0]:g} more than once, and the later visit would overwrite the earlier; "
-                "list it once and raise repeats"
-            )
-        return self
 
 
 LEVER_DEG = 20.0
@@ -103,7 +127,12 @@ class Sweep(Settings):
     waits settle_s.
     """
 
-    frequency_hz: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "frequencies")]
+    frequency_hz: Annotated[
+        tuple[Positive, ...],
+        Field(min_length=1),
+        _few(MOST_FREQUENCIES, "frequencies"),
+        AfterValidator(_increasing),
+    ]
     drive: Drive = "lever"
     amplitude_deg: Positive = LEVER_DEG
     amplitude_mm: Positive | None = None
@@ -113,12 +142,6 @@ class Sweep(Settings):
     settle: Literal["fixed", "adaptive"] = "fixed"
     settle_tolerance: Annotated[float, Field(ge=1e-4, le=0.5)] = 0.01
     settle_most_s: Duration = 20.0
-
-    @model_validator(mode="after")
-    def _increasing(self) -> "Sweep":
-        if any(b <= a for a, b in zip(self.frequency_hz, self.frequency_hz[1:], strict=False)):
-            raise ValueError("frequency_hz must increase from one entry to the next")
-        return self
 
     @model_validator(mode="after")
     def _most_is_not_less(self) -> "Sweep":

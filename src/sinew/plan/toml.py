@@ -5,7 +5,8 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar, get_args
@@ -16,6 +17,7 @@ from pydantic_core import ErrorDetails
 
 from sinew.measure.doors import write_text
 from sinew.measure.errors import SpecError
+from sinew.plan.check import setting_findings
 from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -78,40 +80,86 @@ _PLAIN = {"int": "a whole number", "float": "a number", "str": "a text", "tuple"
 _PREFIX = re.compile(r"^(Input|String|Tuple|List|Value) should (be |have )?")
 
 
+_MOST_TOLD, _MOST_FAULTS = 4, 100
+
+
 def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
-    """Return one sentence on the first fault of a rig or plan, and how many more there are.
+    """Return one line on the faults of a rig or plan. what: "rig" or "plan"."""
+    return _in_a_line(error.errors(include_url=False), model, what)
 
-    what: "rig" or "plan". Unknown keys come first, because a misspelt key is also missing under its right name.
+
+def _in_a_line(faults: Sequence[ErrorDetails], model: type[BaseModel], what: str) -> str:
+    ordered = _ordered(faults, model)
+    more = len(ordered) - _MOST_TOLD
+    told = [_sentence(one, model, what) for one in (ordered if more == 1 else ordered[:_MOST_TOLD])]
+    return "; ".join([*told, *([f"{more} more faults"] if more > 1 else [])])
+
+
+def _ordered(faults: Sequence[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
+    """Return unknown keys first, for what is meant by a misspelt one is missing, and that is not told again."""
+    unknown = [one for one in faults if one["type"] == "extra_forbidden"]
+    meant = {(*one["loc"][:-1], _meant(one["loc"], model)) for one in unknown[:_MOST_FAULTS]}
+    others = (one for one in faults if one["type"] != "extra_forbidden")
+    return [*unknown, *(one for one in others if one["type"] != "missing" or one["loc"] not in meant)]
+
+
+def _every_fault(data: Any, model: type[BaseModel]) -> tuple[list[ErrorDetails], Any]:
+    """Return (what is wrong with data, the data without the entries of lists that are wrong).
+
+    pydantic looks at a list or a section as a whole only where each part of it is right. So entries that are wrong are
+    left out, and the rest is looked at again; what is short for want of them is no fault.
     """
-    faults = error.errors(include_url=False)
-    unknown = [fault for fault in faults if fault["type"] == "extra_forbidden"]
-    first = (unknown or faults)[0]
-    sentence, meant = _sentence(first, model, what)
-    more = len(faults) - 1
-    if meant is not None and any(f["type"] == "missing" and f["loc"] == (*first["loc"][:-1], meant) for f in faults):
-        more -= 1
-    if more:
-        sentence += f" (and {more} more fault{'s' if more > 1 else ''})"
-    return " ".join(sentence.split())
+    data, found, places = _frozen(data), list[ErrorDetails](), set[tuple[Any, str]]()
+    while True:
+        try:
+            model.model_validate(data, strict=True)
+            return found, data
+        except ValidationError as error:
+            faults = error.errors(include_url=False)
+        new = [one for one in faults if not found or one["type"] == "value_error"]
+        new = [one for one in new if (one["loc"], one["type"]) not in places]
+        places |= {(one["loc"], one["type"]) for one in new}
+        found += new
+        entries = {one["loc"] for one in new if one["loc"] and isinstance(one["loc"][-1], int)}
+        if not entries:
+            return found, data
+        data = _without(data, entries)
 
 
-def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> tuple[str, str | None]:
+def _without(data: Any, entries: Set[tuple[int | str, ...]], place: tuple[int | str, ...] = ()) -> Any:
+    """Return data without some entries of its lists."""
+    if isinstance(data, dict):
+        return {key: _without(one, entries, (*place, key)) for key, one in data.items()}
+    if isinstance(data, tuple):
+        return tuple(one for index, one in enumerate(data) if (*place, index) not in entries)
+    return data
+
+
+def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> str:
     where = _dotted(fault["loc"])
     if fault["type"] == "extra_forbidden":
-        meant = _meant(fault["loc"], model)
-        return f"unknown {what} key {where}; {_advice(fault['loc'], model, meant)}", meant
-    if fault["type"] == "missing":
-        return f"{what} key {where} is missing; expected {_expected(fault, model)}", None
-    if fault["type"] == "value_error":
+        said = f"unknown {what} key {where}; {_advice(fault['loc'], model)}"
+    elif fault["type"] == "missing":
+        said = f"{what} key {where} is missing; expected {_expected(fault, model)}"
+    elif fault["type"] == "value_error":
         message = str(fault["msg"]).removeprefix("Value error, ")
-        return (f"{what} key {where}: {message}" if where else f"{what}: {message}"), None
-    return f"{what} key {where}: found {_shown(fault['input'])}, expected {_expected(fault, model)}", None
+        said = f"{what} key {where}: {message}" if where else f"{what}: {message}"
+    else:
+        said = f"{what} key {where}: found {_shown(fault['input'])}, expected {_expected(fault, model)}"
+    return " ".join(said.split())
+
+
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
 def _dotted(location: tuple[int | str, ...]) -> str:
+    """Return a place as a file has it: the dotted key, and which entry of its list."""
     text = ""
     for part in location:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+        if isinstance(part, int):
+            text += f", {_ORDINALS[part] if part < len(_ORDINALS) else f'{part + 1}th'} entry"
+        else:
+            text += f".{part}"
     return text.removeprefix(".")
 
 
@@ -137,8 +185,8 @@ def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str | Non
     return close[0] if close else None
 
 
-def _advice(location: tuple[int | str, ...], model: type[BaseModel], meant: str | None) -> str:
-    if meant is not None:
+def _advice(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    if (meant := _meant(location, model)) is not None:
         return f"did you mean {meant}?"
     elsewhere = [dotted for dotted in _keys(model) if dotted.rsplit(".", 1)[-1] == location[-1]]
     if elsewhere:
@@ -302,40 +350,36 @@ def parse_plan(text: str, source: str = "plan") -> Plan:
 
 
 class Fault(NamedTuple):
-    """What is wrong with a text. line: of the text, counted from 1, at which it is to be mended; None: as a whole."""
+    """What is wrong with a text. line: of the text, counted from 1, at which it is to be mended; None: as a whole.
+    is_limit: whether it is a limit of the rig that is broken; the text is a plan all the same."""
 
     line: int | None
     sentence: str
+    is_limit: bool = False
 
 
-def plan_faults(text: str) -> list[Fault]:
+def plan_faults(text: str, rig: RigSpec | None = None) -> list[Fault]:
     """Return all that is wrong with a TOML text as a plan, each at its line; empty where `parse_plan` takes it.
 
     A key that is missing is told at the head of its section. As TOML that cannot be read goes no further, of that there
-    is one fault.
+    is one fault. rig: with it also which of its limits the numbers that can be read break.
 
     >>> plan_faults('name = "quick"\\n[pretension]\\npretension_mm = 2\\n')[0].line
     3
     """
     try:
-        data = _read_data(text, "the plan", Plan, "plan")
-        Plan.model_validate(_frozen(data), strict=True)
-    except ValidationError as error:
-        faults = error.errors(include_url=False)
-        meant = set()
-        for fault in faults:
-            if fault["type"] == "extra_forbidden" and (name := _meant(fault["loc"], Plan)) is not None:
-                meant.add((*fault["loc"][:-1], name))
-        lines = _Lines(text)
-        told = [
-            Fault(lines.line_of(fault["loc"]), " ".join(_sentence(fault, Plan, "plan")[0].split()))
-            for fault in faults
-            if not (fault["type"] == "missing" and fault["loc"] in meant)
-        ]
-        return sorted(told, key=lambda one: one.line or 0)
+        faults, rest = _every_fault(_read_data(text, "the plan", Plan, "plan"), Plan)
     except SpecError as trouble:
         return [Fault(_told_line(str(trouble), text), str(trouble))]
-    return []
+    lines = _Lines(text)
+    told = _ordered(faults, Plan)[:_MOST_FAULTS]
+    found = [Fault(lines.line_of(one["loc"]), _sentence(one, Plan, "plan")) for one in told]
+    if rig is not None:
+        with suppress(ValidationError):
+            for one in setting_findings(Plan.model_validate(rest, strict=True), rig):
+                line = lines.line_of(one.key.split(".")) if one.key else None
+                found.append(Fault(line, one.sentence, is_limit=True))
+    return sorted(found, key=lambda one: one.line or 0)
 
 
 def _told_line(sentence: str, text: str) -> int | None:
@@ -468,7 +512,7 @@ def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
     try:
         return model.model_validate(_frozen(data), strict=True)
     except ValidationError as error:
-        raise SpecError(f"{source}: {complaint(error, model, what)}") from error
+        raise SpecError(f"{source}: {_in_a_line(_every_fault(data, model)[0], model, what)}") from error
 
 
 def _read_data(text: str, source: str, model: type[_Spec], what: str) -> dict[str, Any]:

@@ -2,23 +2,25 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan, drive_reach
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.predict import foreseen
 from sinew.predict.bent import INPUTS, driven, driven_findings
+from sinew.predict.foreseen import Foretold
 from sinew.predict.modes import Asked as AskedModes
 from sinew.predict.modes import Finder, out_of_plane
 from sinew.predict.pose import Asked, find_pose
 from sinew.solve.spatial import Rest, patterns
-from sinew.twin.simulate import foresee, peak_torsion, rest_tension
+from sinew.twin.simulate import foresee, rest_tension
 
 # ---- what a plan with a bent or swaying head is expected to show, by the linear joint
 #
@@ -30,25 +32,6 @@ from sinew.twin.simulate import foresee, peak_torsion, rest_tension
 
 _INPUT_OF = {"lever": "lever_rad", "pitch": "pitch_take_up_m", "roll": "roll_take_up_m"}
 _NOTHING = 1e-9  # of the motion: what rounding makes of a direction in which the head does not move
-
-
-class Foretold(NamedTuple):
-    """What the sweep should give at a pretension [mm] and a frequency [Hz].
-
-    drive: amplitude of the drive's motion, the lever's against the swinging head [deg] or of the tendons [mm].
-    torsion_deg, across_deg, in_plane_deg: amplitudes of the torsion and of the tilt across the bend and in its plane.
-    highest_n, lowest_n: tension of a tendon over the swing; what torsion adds to it grows with its square and is not
-    in it.
-    """
-
-    pretension_mm: float
-    frequency_hz: float
-    drive: float
-    torsion_deg: float
-    across_deg: float
-    in_plane_deg: float
-    highest_n: float
-    lowest_n: float
 
 
 def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
@@ -168,7 +151,7 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
     preview = check_plan(plan, rig, tension)
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
-    return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+    return foreseen.foresee_plan(plan, rig)[0]
 
 
 def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, ...]:
@@ -226,33 +209,8 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None or plan.is_spatial:
         return preview, ""
     torsion, recording = foresee(plan, rig)
-    preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
-    try:
-        return preview, foretold(analyse_recording(recording, rig))
-    except RecordingError:  # nothing but rest, or groups too short to say anything
-        return preview, ""
-
-
-def told_preview(plan: Plan, rig: RigSpec, preview: Preview, expected: tuple[Foretold, ...] = ()) -> dict[str, Any]:
-    """Return the preview of a plan on a rig as JSON holds it. expected: of `expected_of`."""
-    drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
-    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=False)  # empty where not previewed
-    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)
-    pose = {} if plan.rest_pose.is_straight else {"pose": plan.rest_pose.to_json()}
-    return {
-        "plan": plan.name,
-        "rig": rig.name,
-        **pose,
-        "ok": not preview.refusals,
-        "duration_s": preview.duration_s,
-        "longest_s": preview.longest_s,
-        "bench_s": preview.bench_s,
-        "groups": preview.groups,
-        "samples": preview.samples,
-        "full_amplitude_hz": preview.full_amplitude_hz,
-        "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
-        "tension": [{"pretension_mm": p, "tension_n": finite(t)} for p, t in tension],
-        "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
-        **({"expected": [row._asdict() for row in expected]} if expected else {}),
-        "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
-    }
+    torsion_deg, expected = np.degrees(torsion).tolist(), ""
+    with suppress(RecordingError):  # nothing but rest, or groups too short to say anything
+        expected = foretold(analyse_recording(recording, rig))
+    foreseen.keep_foreseen(plan, rig, preview.tension_n, torsion_deg, expected)
+    return check_plan(plan, rig, preview.tension_n, torsion_deg), expected

@@ -3,20 +3,12 @@
 import contextlib
 import os
 from functools import cache
-from pathlib import Path
 
 import jax
 
 from sinew.measure.errors import SpecError
+from sinew.measure.kept import cache_folder
 from sinew.measure.tasks import DEVICE, cores
-
-
-def cache_folder() -> Path:
-    """Return the folder of compiled code: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else ~/.cache/sinew."""
-    if chosen := os.environ.get("SINEW_CACHE"):
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sinew"
-
 
 _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
 """XLA's option: a loop whose turn reads and writes fewer bytes is compiled into one function."""

@@ -174,17 +174,17 @@ def source_of(rig: "HardwareRig") -> str:
 
 
 def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, Any]]:
-    """Return what speaks against a run's recording, as JSON holds it; nothing where there is none, or nothing in it can
-    be analysed."""
-    from sinew.analysis.analysed import analyse_recording
+    """Analyse a run's recording, leave the results beside it, and return what speaks against it, as JSON holds it;
+    nothing where there is no recording, or nothing in it can be analysed."""
     from sinew.analysis.doubts import doubts_of
+    from sinew.apps.recordings.stored import analyse_into
     from sinew.measure.errors import SinewError
     from sinew.measure.files.netcdf import load_recording
 
     if recording is None:
         return []
     try:
-        return doubts_of(analyse_recording(load_recording(recording), spec))
+        return doubts_of(analyse_into(recording.parent, load_recording(recording), spec))
     except SinewError:
         return []
 

@@ -26,10 +26,10 @@ def run(
 ) -> int:
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
 
-    Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, which
-    `sinew analyse` reads. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
-    the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
-    with --resume.
+    Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, and what
+    `sinew analyse` finds in it DIR/results.nc and DIR/analysis.json. Whatever happens, and after Ctrl-C, the motors end
+    in the rig's declared safe state; where the port is lost, their own bus watchdog stops them. A run that was cut off
+    goes on at its first unfinished group with --resume.
 
     Where the computer paused for so long that the motors stopped themselves, an emulated bench is brought to rest and
     the run goes on by itself from its last whole group; a real one is left in its safe state, and on a terminal one
@@ -134,17 +134,19 @@ def _refuse_unfit_plan(
     pose, what holds it; and what the twin expects of its recording."""
     from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.preview import expected_of, foresee_plan, held_preview, sentences_of
+    from sinew.predict.foreseen import foresee_plan
 
     if not plan.is_spatial:
         (preview, expected), held = foresee_plan(plan, spec), None
         refuse_beyond_limits(preview)
     else:
+        from sinew.predict.preview import expected_of, held_preview, sentences_of
+
         (preview, rests), expected = held_preview(plan, spec), ""
         refuse_beyond_limits(preview)
         held = {mm: Held.of(rest) for mm, rest in rests.items()}
-    for sentence in sentences_of(expected_of(plan, spec, preview), plan):
-        remark(sentence)
+        for sentence in sentences_of(expected_of(plan, spec, preview), plan):
+            remark(sentence)
     pretensions = plan.pretension.pretension_mm
     bench_run.refuse_full_disk(folder, plan, preview.longest_s)
     return dict(zip(pretensions, preview.tension_n, strict=True)), held, expected

@@ -75,7 +75,8 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.preview import expected_of, preview_plan, sentences_of, told_preview
+    from sinew.predict.foreseen import told_preview
+    from sinew.predict.preview import expected_of, preview_plan, sentences_of
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,22 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
     if not _is_of_rig(results, rig):
         remark(f"{path.name} was made with another rig; analysed anew")
         return None
+    return results
+
+
+def analyse_into(folder: Path, recording: "xr.Dataset", rig: "RigSpec | None") -> "xr.Dataset":
+    """Return the results of a recording, left in a folder as results.nc and analysis.json where that may be written.
+
+    Raises RecordingError where the recording cannot be analysed.
+    """
+    from sinew.analysis.analysed import analyse_with, results_document
+    from sinew.apps.console import write_json
+    from sinew.measure.files.netcdf import save_dataset
+
+    results = analyse_with(recording, rig)
+    with suppress(FileError, OSError):
+        save_dataset(results, folder / "results.nc")
+        write_json(results_document(results), folder / "analysis.json")
     return results
 
 

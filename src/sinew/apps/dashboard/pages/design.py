@@ -1,7 +1,8 @@
 """The design page: sliders of a joint, what the equations say of it at once, and joints side by side."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
@@ -50,7 +52,7 @@ _DRAWN_ONLY = "wanted_hz"
 """It moves a mark, and nothing is computed for it."""
 
 
-_COMPILES = "The equations are being compiled, once: some seconds, more where the computer is busy."
+_COMPILES = "The equations behind the sliders are being compiled: some seconds, more where the computer is busy."
 
 
 def add_design_page(site: Site) -> None:
@@ -101,6 +103,7 @@ class _Sliders:
         self._best = 0.0
         self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
+        self._is_sketched = False  # whether the equations of a sketch are compiled, as far as this page knows
 
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
@@ -130,9 +133,9 @@ class _Sliders:
                 with card("Phase: lag of the torsion", 12):
                     self._phase = Curves("phase")
                 with card("What it is worth", 12):
+                    self._waiting = empty("").props("id=sinew-compiling")
+                    self._waiting.set_visibility(False)
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
-                    with self._notes:
-                        self._waiting = empty(_COMPILES)
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
@@ -164,7 +167,7 @@ class _Sliders:
         number.on_value_change(typed)
 
     async def begin(self) -> None:
-        """Show the joint that was designed here last, else the rig as built, and compile the rest meanwhile."""
+        """Show the joint that was designed here last, else the rig as built, with the curves that are known."""
         kept = await recall(_KEEP)
         known = _values_of(kept, self._built)
         if known:
@@ -173,21 +176,43 @@ class _Sliders:
                 self._pinned(values)
         for key in _SIZES:
             self._show_value(key)
+        joints = [self._now, self._as_built, *self._kept]
+        for joint in joints:
+            joint.found = await asyncio.to_thread(kept_curves, *self._asked(joint.values))
+            joint.is_fine = joint.found is not None
+        self._draw()
         self._tabulate()
-        began = monotonic()
-        counter = ui.timer(1.0, lambda: self._count(monotonic() - began))
-        try:
+        if self._now.found is None:
             await self._change()
+        else:
+            self._tell(self._now.found, fine=True)
+            with self._counted(), suppress(SinewError):  # what cannot be sketched is said when a slider asks for it
+                await self._curves_of(self._now.values, "sketch_curves")
+        self._site.work.warm_up()
+        if self._now.found is not None and self._now.found.get("is_shipped"):
+            await self._compute(self._turn, fine=True)
+        for joint in joints[1:]:
+            if joint.found is None or joint.found.get("is_shipped"):
+                await self._finish(joint)
+
+    @contextmanager
+    def _counted(self) -> Iterator[None]:
+        """Say meanwhile how long the first sketch has been waited for: its equations may have to be compiled."""
+        began = monotonic()
+
+        def count() -> None:
+            if not self._waiting.is_deleted:
+                self._waiting.set_visibility(True)
+                self._waiting.set_text(f"{_COMPILES} {monotonic() - began:.0f} s so far.")
+
+        counter = ui.timer(1.0, count, immediate=False)
+        try:
+            yield
+            self._is_sketched = True
         finally:
             counter.cancel()
-        self._site.work.warm_up()
-        for joint in (self._as_built, *self._kept):
-            await self._finish(joint)
-
-    def _count(self, seconds: float) -> None:
-        """Say how long the first curve has been waited for."""
-        if not self._waiting.is_deleted:
-            self._waiting.set_text(f"{_COMPILES} {seconds:.0f} s so far.")
+            if not self._waiting.is_deleted:
+                self._waiting.set_visibility(False)
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, and show what comes of it."""
@@ -223,7 +248,8 @@ class _Sliders:
     async def _compute(self, turn: int, *, fine: bool) -> None:
         name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
         try:
-            found = await self._curves_of(values, name, key=f"{name} {id(self)}")
+            with nullcontext() if fine or self._is_sketched else self._counted():
+                found = await self._curves_of(values, name, key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
         if found is None or (fine and turn != self._turn) or self._table.is_deleted:
@@ -236,9 +262,12 @@ class _Sliders:
             self._tabulate()
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
-        asked = [self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
-        call = self._site.work.call(name, *asked, *([True] if name == "design_curves" else []), key=key)
+        more = [True] if name == "design_curves" else []
+        call = self._site.work.call(name, *self._asked(values), *more, key=key)
         return await unless_left(call, ui.context.client.disconnected())
+
+    def _asked(self, values: Mapping[str, float]) -> tuple[str, dict[str, float], float, float, tuple[float, float]]:
+        return self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""

@@ -180,13 +180,18 @@ class _Desk:
         await asyncio.sleep(_TYPING_S)
         if self._is_past(turn):
             return
-        outline = await self._tried("plan_outline", toml)
+        try:
+            rig = self._site.rig_text(self._rig)
+        except SinewError as trouble:
+            outline: dict[str, Any] | None = {"trouble": str(trouble)}
+        else:
+            outline = await self._tried("plan_outline", toml, rig)
         if self._is_past(turn) or outline is None:
             return
         self._mark(toml, outline.get("faults", []))
         self._preview.clear()
         with self._preview:
-            if "trouble" in outline or outline["faults"]:
+            if "stages" not in outline:
                 self._say_faults(outline)
                 lines = sorted({fault["line"] for fault in outline.get("faults", []) if fault["line"] is not None})
                 self._offer(None, f"The plan is wrong{f' at line {lines[0]}' if lines else ''}: see Preview.")
@@ -195,12 +200,7 @@ class _Desk:
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
         self._offer(None, "The plan is tried on the twin: some seconds.")
-        try:
-            rig = self._site.rig_text(self._rig)
-        except SinewError as trouble:
-            found: dict[str, Any] | None = {"trouble": str(trouble)}
-        else:
-            found = await self._tried("preview_document", toml, rig)
+        found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None, "The plan is refused: see Preview.")

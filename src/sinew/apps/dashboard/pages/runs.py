@@ -93,6 +93,7 @@ class _List:
     def __init__(self, site: Site, opened: list[str], search: str) -> None:
         self._site, self._opened, self._search = site, opened, search
         self._is_shown = False
+        self._offered: str | None = COMMON[0]  # the trend that is shown until somebody chooses one
 
     async def show(self) -> None:
         """Draw it, and fill it with what the search finds."""
@@ -102,7 +103,7 @@ class _List:
             self._field = ui.input("Search: words, f_r>3.2 pretension=6 tag:aged begin>=2026-03", value=self._search)
             self._field.props("outlined dense clearable type=search debounce=300 id=sinew-search maxlength=500")
             self._field.classes("w-full")
-            self._said = ui.label("The runs are listed.").props("role=status").classes("sinew-soft")
+            self._said = ui.label("The runs are listed.").props("role=status id=sinew-found").classes("sinew-soft")
             self._table = self._made_table()
             with ui.element("div").classes("sinew-row"):
                 button = ui.button("Open, or compare several", on_click=self._open_chosen)
@@ -118,9 +119,9 @@ class _List:
             with card("Over months", 12):
                 names = {one: f"{QUANTITIES[one].words}, {QUANTITIES[one].called[0]}" for one in COMMON}
                 names["gain_peak"] = QUANTITIES["gain_peak"].words
-                self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
+                self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=self._offered)
                 self._quantity.props("inline")
-                self._quantity.on_value_change(self._draw_trend)
+                self._quantity.on_value_change(self._choose_trend)
                 self._trend = ui.element("div").classes("w-full").props("data-trend")
             self._bin = ui.element("div").classes("span-12")
         self._field.on_value_change(self._searched)
@@ -147,6 +148,7 @@ class _List:
 
     async def _searched(self) -> None:
         self._search = self._field.value or ""
+        self._said.set_text("The runs are searched; what is listed was found before.")
         ui.run_javascript(f"history.replaceState(null, '', {json.dumps(_address(self._opened, self._search))})")
         await self.refresh()
 
@@ -155,6 +157,7 @@ class _List:
         if not self._is_shown:
             return
         work, runs = self._site.work, str(self._site.runs)
+        told: set[str] = set()
         try:
             async for found in looks(work, runs, self._search, key=f"runs {id(self)}"):
                 if found is None or self._table.is_deleted:  # another search came after this one, or the page was left
@@ -162,13 +165,18 @@ class _List:
                 self._said.classes("sinew-soft", remove="sinew-bad")
                 self._said.set_text(_counted(found, bool(self._search)))
                 self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
-                rows = [row for row in self._table.rows if row["name"] in self._opened]
+                rows = (row for run in found["runs"] for row in run["found"])
+                told |= {name for row in rows for name in COMMON if _is_told(row, name)}
+                opened = [row for row in self._table.rows if row["name"] in self._opened]
                 others = (row for row in self._table.selected if row["name"] not in self._opened)
-                self._table.selected = [*rows, *others]
+                self._table.selected = [*opened, *others]
         except SinewError as trouble:
             self._said.set_text(str(trouble))
             self._said.classes("sinew-bad", remove="sinew-soft")
             return
+        if self._offered is not None:
+            self._offered = next((name for name in COMMON if name in told), COMMON[0])
+            self._quantity.set_value(self._offered)
         await self._draw_trend()
         names = await work.call("list_bin", runs)
         self._bin.clear()
@@ -181,6 +189,11 @@ class _List:
                         button = plain_button("Restore", "", lambda name=name: self._restore(name), needs_operator=True)
                         button.props(f'data-restore aria-label="Restore {_attribute(name)}"')
 
+    async def _choose_trend(self, event: events.ValueChangeEventArguments[str]) -> None:
+        if event.value != self._offered:
+            self._offered = None
+            await self._draw_trend()
+
     async def _draw_trend(self) -> None:
         try:
             found = await self._site.work.call("run_trends", str(self._site.runs), self._search, self._quantity.value)
@@ -188,8 +201,8 @@ class _List:
             found, said = [], str(trouble)
         else:
             said = (
-                f"No run of the list tells the {QUANTITIES[self._quantity.value].words}: either it was not opened yet, "
-                "which has it analysed, or its plan does not determine it."
+                f"No run of the list tells {'any of these' if self._offered else _the(self._quantity.value)}: either "
+                "it was not opened yet, which has it analysed, or its plan does not determine it."
             )
         if self._trend.is_deleted:
             return
@@ -285,6 +298,14 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
     said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
     return row | {"tags": " ".join(run.get("tags") or []), "reason": said[:200]}
+
+
+def _is_told(row: dict[str, Any], quantity: str) -> bool:
+    return quantity in row and row[quantity]["value"] is not None
+
+
+def _the(quantity: str) -> str:
+    return f"the {QUANTITIES[quantity].words}"
 
 
 def _shown(found: list[dict[str, Any]]) -> str:

@@ -97,7 +97,7 @@ export function ticks(low, high, about) {
 
 // Ranges follow what is shown: out at once, in slowly, so that the axis does not flicker; at once where it stands still.
 class Range {
-  constructor(least) { this.least = least; this.high = least; this.low = 0; }
+  constructor(least) { this.least = least; this.high = 0.58 * least; this.low = -this.high; }
   follow(low, high, atOnce = false) {
     if (!Number.isFinite(low)) return;
     const span = Math.max(high - low, this.least), middle = (high + low) / 2;

@@ -1,12 +1,15 @@
 """What is computed before anything moves: the joint that sliders describe, a plan's preview and its prediction."""
 
 import functools
+import json
 import math
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import all_finite
+from sinew.measure.kept import keep, key_of, recall
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -52,7 +55,7 @@ def design_curves(
     rig_asked(repr(float(pretension_mm)), amplitude_deg, "position", None, low, high)
     prediction, checks = _predicted(made, float(pretension_mm), amplitude_deg, (low, high), fine)
     branch = prediction.branches[0]
-    return {
+    found = {
         **curve_document(branch, math.radians(amplitude_deg)),
         "damping": slope_damping(branch),
         "base": base.name,
@@ -65,6 +68,47 @@ def design_curves(
         "wall_s": prediction.wall_s,
         "validity": None if checks is None else [c.to_json() for c in checks],
     }
+    if fine:
+        keep(_CURVES, curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz), found)
+    return found
+
+
+# Refined curves are kept on the disk, so that the page opens with them: to compile what they need takes half a minute
+# of a core. That of the rig which is offered first ships with Sinew (`tools/write_first_curve.py`).
+
+_CURVES, _PREDICTED = "curves", "predicted"
+FIRST_CURVE = "first-curve.json"
+
+
+def kept_curves(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    pretension_mm: float,
+    amplitude_deg: float,
+    band_hz: Sequence[float] = (1.0, 6.0),
+) -> dict[str, Any] | None:
+    """Return what `design_curves` said of a joint when it was asked before, refined; None where that is not known.
+
+    Arguments as of `design_curves`. Needs no JAX, and a few milliseconds. `is_shipped`: whether it came with Sinew, of
+    the equations as they were then.
+    """
+    key = curves_key(rig, changes, pretension_mm, amplitude_deg, band_hz)
+    if (found := recall(_CURVES, key)) is not None:
+        return {**found, "is_shipped": False}
+    shipped = json.loads(files("sinew").joinpath("rigs", FIRST_CURVE).read_text(encoding="utf-8"))
+    return {**shipped["found"], "is_shipped": True} if shipped["key"] == key else None
+
+
+def curves_key(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    pretension_mm: float,
+    amplitude_deg: float,
+    band_hz: Sequence[float],
+) -> str:
+    """Return what stands for a joint among those that are kept."""
+    meant = {name: value for name, value in changes.items() if value is not None}
+    return key_of(rig, meant, float(pretension_mm), float(amplitude_deg), *map(float, band_hz))
 
 
 def slope_damping(branch: "Branch") -> float | None:
@@ -225,20 +269,30 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
     `phase_90` and `folds` as of `design_curves`. With bands also `gain_low`, `gain_high`, `phase_low`, `phase_high`:
     of what a sweep up or one down meets; None where no draw has a curve. `can_have_bands`: whether the rig holds
     intervals. `amplitude_deg`: of the command. `remarks`: sentences on the bands.
-    Raises SpecError where a text is no plan or no rig.
+    It is kept, and comes from the disk the next time. Raises SpecError where a text is no plan or no rig.
     """
+    from sinew.plan.toml import parse_plan, parse_rig
+
+    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    if plan.is_spatial:
+        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
+    key = key_of(plan.model_dump_json(), rig.model_dump_json(), draws)
+    found: dict[str, Any] | None = recall(_PREDICTED, key)
+    if found is None:
+        found = _predicted_for(plan, rig, draws)
+        keep(_PREDICTED, key, found)
+    return found
+
+
+def _predicted_for(plan: "Plan", rig: "RigSpec", draws: int) -> dict[str, Any]:
     import numpy as np
 
-    from sinew.plan.toml import parse_plan, parse_rig
     from sinew.predict.band import bands_of, draw_rigs, spread_of
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.solve.curves import predict
     from sinew.twin.cache import configure
 
     configure()
-    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
-    if plan.is_spatial:
-        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
     pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
     amplitude_deg, band_hz = _driven(plan)
     prediction = predict(joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode), band_hz, RESOLUTION)
@@ -332,17 +386,19 @@ def suggest_pretension(
 # A plan is previewed for its page: its faults and stages at once, and what `sinew check --json` says of it.
 
 
-def plan_outline(plan_toml: str) -> dict[str, Any]:
-    """Return what is known of a plan's text without a rig: `faults`, each with `line` (from 1, or None) and `sentence`;
-    of one without any also `name` and `stages`, as `sinew.plan.check.stages_of` has them."""
+def plan_outline(plan_toml: str, rig_toml: str | None = None) -> dict[str, Any]:
+    """Return what is known of a plan's text at once: `faults`, as `sinew.plan.toml.plan_faults` has them, each with
+    `line`, `sentence` and `is_limit`; where it is a plan, though it may break limits of a rig, also `name` and
+    `stages`, as `sinew.plan.check.stages_of` has them. Raises SpecError where the other text is no rig."""
     from sinew.plan.check import stages_of
     from sinew.plan.toml import parse_plan, plan_faults
 
-    faults = [fault._asdict() for fault in plan_faults(plan_toml)]
-    if faults:
-        return {"faults": faults}
+    faults = plan_faults(plan_toml, None if rig_toml is None else base_rig(rig_toml))
+    told = {"faults": [fault._asdict() for fault in faults]}
+    if not all(fault.is_limit for fault in faults):
+        return told
     plan = parse_plan(plan_toml)
-    return {"faults": [], "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
+    return {**told, "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
 
 
 def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:
@@ -356,11 +412,16 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     from sinew.bench.preflight import wire_times
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
-    from sinew.predict.preview import held_preview, preview_plan, told_preview
+    from sinew.predict.foreseen import foresee_plan, told_preview
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     require_motors(plan, "the bench")
-    preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig, swing=swing)
+    if swing and not plan.is_spatial:
+        preview = foresee_plan(plan, rig)[0]
+    else:
+        from sinew.predict.preview import held_preview, preview_plan
+
+        preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
     told = told_preview(plan, rig, preview) | {"wire": wire_times(plan, rig)}
     return {**told, "refusals": list(preview.refusals), "warnings": warnings}

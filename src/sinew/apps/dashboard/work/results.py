@@ -178,20 +178,13 @@ def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, An
 
 def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
-    from sinew.analysis.analysed import analyse_with, recording_rig, results_document
-    from sinew.apps.console import write_json
-    from sinew.apps.recordings.stored import stored_results
-    from sinew.measure.files.netcdf import save_dataset
+    from sinew.analysis.analysed import recording_rig
+    from sinew.apps.recordings.stored import analyse_into, stored_results
 
     recording = load_own(folder)
     rig = recording_rig(recording, None)
     results = stored_results(folder / "results.nc", recording, rig)
-    if results is None:
-        results = analyse_with(recording, rig)
-        with suppress(FileError, OSError):  # in a folder that may not be written they are made anew each time
-            save_dataset(results, folder / "results.nc")
-            write_json(results_document(results), folder / "analysis.json")
-    return recording, results
+    return recording, analyse_into(folder, recording, rig) if results is None else results
 
 
 def _document(results: "xr.Dataset") -> dict[str, Any]:

@@ -1,0 +1,61 @@
+"""What was computed before, kept on the disk: small answers by what was asked of the equations as they are now.
+
+The folder is that of compiled code. Nothing depends on it: what is not there, cannot be read or belongs to other
+equations is computed anew.
+"""
+
+import hashlib
+import json
+import os
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sinew.measure.doors import write_text
+from sinew.measure.errors import FileError
+
+_MOST = 64
+
+
+def cache_folder() -> Path:
+    """Return the folder of what need not be computed again: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else
+    ~/.cache/sinew."""
+    if chosen := os.environ.get("SINEW_CACHE"):
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sinew"
+
+
+def key_of(*asked: Any) -> str:
+    """Return what stands for a question. asked: as JSON holds it."""
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+
+def recall(kind: str, key: str) -> Any:
+    """Return what `keep` was given under a key of `key_of`; None where that is not known."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        told = json.loads(_file(kind, key).read_text(encoding="utf-8"))
+        return told["found"] if told["key"] == key else None
+    return None
+
+
+def keep(kind: str, key: str, found: Any) -> None:
+    """Write an answer down, and forget those of its kind that are oldest; a full disk costs a computation, no more."""
+    file = _file(kind, key)
+    with suppress(OSError, FileError):
+        write_text(file, json.dumps({"key": key, "found": found}))
+        others = sorted(file.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
+        for old in others[:-_MOST]:
+            old.unlink()
+
+
+def _file(kind: str, key: str) -> Path:
+    return cache_folder() / kind / f"{_of_this_source()}-{key[:32]}.json"
+
+
+@cache
+def _of_this_source() -> str:
+    """Return what stands for the equations as they are now: whoever changes them wants no answer of those before."""
+    stats = ((path, path.stat()) for path in sorted(Path(__file__).parents[1].rglob("*.py")))
+    text = repr([(str(path), about.st_size, about.st_mtime_ns) for path, about in stats])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
