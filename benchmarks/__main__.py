@@ -8,6 +8,7 @@ from benchmarks import (
     bent_speed,
     broadband_speed,
     bus_loop,
+    commands,
     design,
     gpu,
     identify_speed,
@@ -27,6 +28,7 @@ from benchmarks import (
 PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "twin": lambda _: twin_speed.main(),
     "bus": bus_loop.main,
+    "commands": lambda _: commands.main(),
     "broadband": lambda _: broadband_speed.main(),
     "recording": lambda _: recording_speed.main(),
     "sweep": sweep_fit.main,

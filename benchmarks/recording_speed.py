@@ -1,12 +1,9 @@
-"""Time to make, save and analyse the paper's campaign, beside what one writes by hand, and to start commands.
+"""Time to make, save and analyse the paper's campaign, beside what one writes by hand.
 
 Peers in the same run: xarray's own `to_netcdf` without checks or a whole-file replacement, and scipy's least
 squares of a sine of the commanded frequency on each steady segment, which says nothing of errors, damping or quality.
 """
 
-import resource
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -41,35 +38,8 @@ def _by_hand(recording: xr.Dataset) -> None:
         lstsq(columns, recording["drive_rad"].values[part])
 
 
-def _processor_seconds(code: str, *arguments: str) -> float:
-    """Return the least processor time of five new processes [s]."""
-    taken = []
-    for _ in range(5):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        taken.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
-    return min(taken)
-
-
-def _starts() -> None:
-    """Print what a command costs before it does anything, beside what its libraries cost."""
-    command = "import sys; from sinew.apps.cli import main; sys.exit(main(sys.argv[1:]))"
-    with tempfile.TemporaryDirectory() as folder:
-        table = Path(folder) / "decay.csv"
-        t = np.arange(0.0, 6.0, 0.01)
-        rows = np.stack([t, 20 * np.exp(-0.8 * t) * np.cos(6 * np.pi * t)], axis=1)
-        np.savetxt(table, rows, delimiter=",", header="t_s,angle_deg", comments="")
-        asked = ("analyse", str(table), "--kind", "ring-down", "--time", "t_s", "--response", "angle_deg:deg")
-        print("processor time of a new process, best of five")
-        print(f"  sinew --help            {_processor_seconds(command, '--help'):6.2f} s (wanted: at most 0.25)")
-        print(f"  sinew analyse decay.csv {_processor_seconds(command, *asked):6.2f} s (wanted: at most 0.8)")
-    for libraries in ("xarray", "xarray, scipy.signal"):
-        print(f"  import {libraries:17}{_processor_seconds(f'import {libraries}'):6.2f} s")
-
-
 def main() -> None:
-    """Print seconds of simulation, of saving, of analysis and of starting."""
+    """Print seconds of simulation, of saving and of analysis."""
     configure()
     plan, rig = load_plan("paper"), load_rig("paper")
     made: list[xr.Dataset] = []
@@ -86,7 +56,6 @@ def main() -> None:
     whole = min(_seconds(lambda: analyse_recording(recording, rig)) for _ in range(3))
     hand = _seconds(lambda: _by_hand(recording))
     print(f"  analyse all of it       {whole:6.2f} s; two sines per segment by scipy {hand:.2f} s")
-    _starts()
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import xarray as xr
@@ -46,8 +46,9 @@ from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_part, load_recording, provenance
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
-from sinew.plan.rig import RigSpec
-from sinew.plan.toml import dump_rig, load_rig, parse_rig
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,7 +98,7 @@ class Analysed(Told):
 
 def analyse(
     recording: xr.Dataset | str | Path,
-    rig: RigSpec | str | Path | None = None,
+    rig: "RigSpec | str | Path | None" = None,
     *,
     settle_s: float | None = None,
     kind: ReadKind | None = None,
@@ -183,7 +184,7 @@ _NO_MODES = "a number of modes is for a ring-down of a table, a broadband record
 
 
 def _analyse_own(
-    recording: xr.Dataset, rig: RigSpec | str | Path | None, kind: str | None, of_others: tuple[Any, ...]
+    recording: xr.Dataset, rig: "RigSpec | str | Path | None", kind: str | None, of_others: tuple[Any, ...]
 ) -> Analysed:
     """Return what a recording of Sinew says, which takes none of (settle_s, band_hz, modes, segment_s)."""
     settle_s, band_hz, modes, segment_s = of_others
@@ -222,7 +223,7 @@ def _notes_of(document: dict[str, Any], results: xr.Dataset) -> list[str]:
 # A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
 
 
-def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.Dataset:
+def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr.Dataset:
     """Return the results of a recording, valid by the result schema, with provenance in the attributes.
 
     rig: whose sensor chain and inertia are used; None for a foreign recording (perfect sensors, no k and d).
@@ -390,24 +391,28 @@ _PLAIN = (
 )
 
 
-def recording_rig(recording: xr.Dataset, rig: RigSpec | str | Path | None) -> RigSpec | None:
+def recording_rig(recording: xr.Dataset, rig: "RigSpec | str | Path | None") -> "RigSpec | None":
     """Return the rig that was named, else the one in the recording, else None. Raises SpecError if it is bad."""
+    from sinew.plan.toml import load_rig, parse_rig  # no table needs it
+
     if rig is not None:
-        return rig if isinstance(rig, RigSpec) else load_rig(rig)
+        return load_rig(rig) if isinstance(rig, (str, Path)) else rig
     text = str(recording.attrs.get("rig", ""))
     return parse_rig(text, source="the recording's rig") if text.strip() else None
 
 
-def analyse_with(recording: xr.Dataset, rig: RigSpec | None) -> xr.Dataset:
+def analyse_with(recording: xr.Dataset, rig: "RigSpec | None") -> xr.Dataset:
     """Return the results of a recording; their attribute `rig` is the rig they were made with.
 
     rig: whose inertia and sensor delays are used; None for perfect sensors and no inertia.
     """
+    from sinew.plan.toml import dump_rig
+
     results = analyse_recording(recording, rig)
     return results if rig == recording_rig(recording, None) else results.assign_attrs(rig=dump_rig(rig) if rig else "")
 
 
-def _inertia(rig: RigSpec | None) -> float | None:
+def _inertia(rig: "RigSpec | None") -> float | None:
     """Return the inertia of head and lever [kg m²]."""
     return None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
 
@@ -426,7 +431,7 @@ def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
 
 
 def _foreign_ring_down(
-    recording: xr.Dataset, named: RigSpec | str | Path | None, modes: int | None
+    recording: xr.Dataset, named: "RigSpec | str | Path | None", modes: int | None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the document of the longest part of a record, and which that is; gaps split a record into parts."""
     rig = None if named is None else recording_rig(recording, named)

@@ -13,7 +13,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -23,9 +23,10 @@ from sinew.measure.arrays import Array, Mask, mean_of_known
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment
-from sinew.plan.check import Reach, drive_reach, drive_reaches
-from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_plan
+
+if TYPE_CHECKING:
+    from sinew.plan.check import Reach
+    from sinew.plan.rig import RigSpec
 
 DOUBTED_FROM = 3.0
 """Distance from the expectation, in standard uncertainties, from which a number is doubted."""
@@ -240,13 +241,15 @@ class _Sweep:
         yield Doubt(kind, tuple(map(self.place, ranked)), text, float(distance[ranked[0]]))
 
 
-def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
+def _lever_doubts(sweep: _Sweep, rig: "RigSpec", expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
     """Yield where the lever did not go as far as its servo takes it, and where lever and torsion contradict each other.
 
     The servo's balance with the torsion as measured gives the lever. Where it is off, the lever is to blame if it is
     off against a held head, too, or against what the twin foretold while the torsion it brings about is as foretold;
     else the torsion is.
     """
+    from sinew.plan.check import drive_reach, drive_reaches  # plans are heavy, and a table has none
+
     lever, command = sweep.columns["drive_amplitude_rad"], sweep.command
     lag, gain = sweep.columns["phase_lag_rad"], sweep.columns["gain_measured_drive"]
     std = sweep.columns["drive_amplitude_std_rad"]
@@ -314,7 +317,7 @@ def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
     yield from sweep.gather("saturation", unsaturated, share_sentence)
 
 
-def _supplied(rig: RigSpec, volts: float) -> RigSpec:
+def _supplied(rig: "RigSpec", volts: float) -> "RigSpec":
     """Return a rig whose drive is fed with so many volts."""
     supply = rig.drive.supply_voltage.model_copy(update={"value": float(volts)})
     return rig.model_copy(update={"drive": rig.drive.model_copy(update={"supply_voltage": supply})})
@@ -444,7 +447,7 @@ def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Array]) -> Ite
         yield from _worst("resonance", rows)
 
 
-def _damping_doubts(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
+def _damping_doubts(results: xr.Dataset, rig: "RigSpec", expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
     """Yield where Lehr's damping lies outside what the rig's losses can give, or far from the twin's."""
     if "damping_ratio" not in results:
         return
@@ -484,7 +487,7 @@ def _hoped(expected: Mapping[str, Array] | None, name: str, pretension_mm: float
     return float(expected[name][row[0]]) if row.size else math.nan
 
 
-def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
+def possible_damping(rig: "RigSpec", frequency_hz: float) -> tuple[float, float]:
     """Return the smallest and largest Lehr damping that the rig's losses can give a joint that swings at a frequency.
 
     The frequency gives the stiffness, k = ω²(I_h + I_l). The silicone's part of it, GJ/L, has the loss factor η, hence
@@ -507,12 +510,14 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
 
 
-def group_doubts(rig: RigSpec, segment: Segment, time_s: Array, drive_rad: Array, gyro_rad_s: Array) -> list[str]:
+def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Array, gyro_rad_s: Array) -> list[str]:
     """Return what can be said against a steady group while its run goes on, in sentences.
 
     time_s, drive_rad: (n,); gyro_rad_s: about the joint's axis, (n,); NaN where a reading did not come. The lever is
     held against half of what it reaches against a held head, for in resonance the head takes up to half.
     """
+    from sinew.plan.check import drive_reach
+
     known = np.isfinite(time_s) & np.isfinite(drive_rad) & np.isfinite(gyro_rad_s)
     command = math.radians(segment.amplitude_deg)
     if segment.kind != "steady" or known.sum() < _FROZEN_SAMPLES or not command > _MOVING_RAD:
@@ -605,7 +610,7 @@ def _longest_run(same: Mask) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _pretension_doubts(signals: Signals, rig: RigSpec) -> Iterator[Doubt]:
+def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
     """Yield where the tendon motors do not stand where the pretension has them, against the least one of the recording.
 
     Motor angle times pulley radius, plus what the servo yields under its tension (current times torque constant by
@@ -640,6 +645,8 @@ def _pretension_doubts(signals: Signals, rig: RigSpec) -> Iterator[Doubt]:
 
 def _tendon_mode(attrs: Mapping[Any, Any]) -> str:
     """Return how the tendons were held, by the recording's plan; empty where it has none."""
+    from sinew.plan.toml import parse_plan
+
     text = str(attrs.get("plan", ""))
     try:
         return parse_plan(text).pretension.mode if text.strip() else ""

@@ -8,8 +8,8 @@ import math
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import fft, ndimage, signal
 
 from sinew.analysis.broadband.broadband import repeats_every
 from sinew.analysis.broadband.impact import find_blows, struck_force
@@ -134,7 +134,8 @@ def _decay(time: Array, response: Array) -> _Decay:
     if swing.size < 2:
         raise RecordingError("no oscillation found: fewer than two swings stand out of the noise")
     starts = {int(np.argmax(swing)), int(np.flatnonzero(swing >= _SMALL * swing.max())[-1])}
-    logs = np.log(ndimage.maximum_filter1d(swing, _AMONG))
+    among = np.lib.stride_tricks.sliding_window_view(np.pad(swing, _AMONG // 2, mode="edge"), _AMONG)
+    logs = np.log(among.max(axis=-1))
     falls = max(_fall(logs[start:]) if swing.size - start >= _LASTS * swing.size else 0.0 for start in starts)
     ratio = float(swing.max() / swing[-1])
     is_falling = ratio > 1.0 and (falls >= _FALLS or swing.size < _FEW_SWINGS)
@@ -157,7 +158,7 @@ def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
     length = min(max(_SHORTEST, time.size // 16), time.size // 2)
 
     def coherent(other: Array) -> int:
-        return int(np.count_nonzero(signal.coherence(other, response, nperseg=length)[1] > _COHERENT))
+        return int(np.count_nonzero(scipy.signal.coherence(other, response, nperseg=length)[1] > _COHERENT))
 
     by_chance = max(coherent(drive[::-1]), coherent(np.roll(drive, time.size // 3)))
     if coherent(drive) > 3 * (by_chance + 1):
@@ -178,7 +179,7 @@ def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
     if ringing.size < _SHORTEST:
         return None
     step = float(time[-1] - time[0]) / (time.size - 1)
-    power = np.abs(fft.rfft(ringing - ringing.mean())) ** 2
+    power = np.abs(scipy.fft.rfft(ringing - ringing.mean())) ** 2
     period = ringing.size * step / max(1, int(np.argmax(power[1:]) + 1))
     widest = step * max(blow.width for blow in blows)
     if widest > period:
@@ -252,7 +253,7 @@ def _band(time: Array, drive: Array) -> tuple[float, float, float]:
     if drive.size < _SHORTEST:
         return math.nan, math.nan, 0.0
     rate = (time.size - 1) / float(time[-1] - time[0])
-    f, power = signal.welch(drive, rate, nperseg=max(_SHORTEST, drive.size // 4))
+    f, power = scipy.signal.welch(drive, rate, nperseg=max(_SHORTEST, drive.size // 4))
     f, power = f[1:], power[1:]
     if not power.sum() > 0:
         return math.nan, math.nan, 0.0

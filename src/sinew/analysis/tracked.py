@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -15,9 +15,10 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate, finite, fixed, number, pair, shown
 from sinew.measure.told import Table
-from sinew.plan.plan import Plan
-from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_plan
+
+if TYPE_CHECKING:
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
 
 _ORDERS = (1, 3)
 _FEWEST_ROWS = 16
@@ -44,7 +45,7 @@ class TrackedPoint:
     turns: int
 
 
-def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Dataset:
+def tracked_turns(recording: xr.Dataset, segment: int, rig: "RigSpec") -> xr.Dataset:
     """Return a tracking segment turn by turn, over `turn`: time_s (middle, since the segment's begin), frequency_hz,
     phase_error_rad (lag less 90°), lever_rad, torsion_rad (amplitudes), pretension_mm, number (how often the drive has
     turned by its end).
@@ -99,7 +100,7 @@ def _turn(
     return math.remainder(lag - 0.5 * math.pi, math.tau), abs(lever), abs(torsion)
 
 
-def _pretension(signals: Signals, where: slice, begin: float, rig: RigSpec) -> Array:
+def _pretension(signals: Signals, where: slice, begin: float, rig: "RigSpec") -> Array:
     """Return the pretension of every row [mm]: that of the begin, and what the motors took up since its begin.
 
     What their position loops give way under load is added, as the plan counts by goals.
@@ -116,7 +117,7 @@ def _pretension(signals: Signals, where: slice, begin: float, rig: RigSpec) -> A
     return np.asarray(begin + 1e3 * (goal - rest))
 
 
-def tracked_point(turns: xr.Dataset, rig: RigSpec, share: float = 0.5) -> TrackedPoint:
+def tracked_point(turns: xr.Dataset, rig: "RigSpec", share: float = 0.5) -> TrackedPoint:
     """Return the point of the backbone that a stretch of turns at one pretension holds.
 
     turns: of `tracked_turns`. share: of them, the last ones, that are used; the others belong to the start.
@@ -196,12 +197,14 @@ def turns_to_lock(turns: xr.Dataset) -> tuple[float | None, int]:
     return first, losses
 
 
-def tracking_document(recording: xr.Dataset, rig: RigSpec) -> dict[str, Any]:
+def tracking_document(recording: xr.Dataset, rig: "RigSpec") -> dict[str, Any]:
     """Return what a recording says of every motion that was tracked, as JSON holds it: held, expected, tracks.
 
     expected: the backbones that were predicted before, from the recording; empty where it holds none.
     Raises RecordingError where a tracked motion cannot be read.
     """
+    from sinew.plan.toml import parse_plan  # plans are heavy, and a table has none
+
     text = str(recording.attrs.get("plan", ""))
     plan = parse_plan(text) if text.strip() else None
     expected = json.loads(str(recording.attrs.get(BACKBONES_ATTRIBUTE, "[]")))
@@ -212,7 +215,7 @@ def tracking_document(recording: xr.Dataset, rig: RigSpec) -> dict[str, Any]:
 
 
 def _track(
-    recording: xr.Dataset, segment: int, rig: RigSpec, plan: Plan | None, expected: Sequence[Mapping[str, Any]]
+    recording: xr.Dataset, segment: int, rig: "RigSpec", plan: "Plan | None", expected: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     turns = tracked_turns(recording, segment, rig)
     locked, losses = turns_to_lock(turns)
@@ -234,7 +237,7 @@ def _track(
     }
 
 
-def _point(turns: xr.Dataset, rig: RigSpec, expected: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+def _point(turns: xr.Dataset, rig: "RigSpec", expected: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     try:
         point = tracked_point(turns, rig)
     except RecordingError:
@@ -256,7 +259,7 @@ def _point(turns: xr.Dataset, rig: RigSpec, expected: Sequence[Mapping[str, Any]
     }
 
 
-def _followed(columns: dict[str, Array], plan: Plan) -> dict[str, float] | None:
+def _followed(columns: dict[str, Array], plan: "Plan") -> dict[str, float] | None:
     """Return how far the resonance was from the wanted frequency while that moved; None where none was wanted."""
     track = plan.track
     if track is None or track.wanted_hz is None:

@@ -192,10 +192,21 @@ Keep = Annotated[Path | None, option("FILE", "Keeps results as they come, and go
 Device = Annotated[str, option("cpu|gpu", "What computes; a GPU where JAX finds one.", "--device")]
 
 
+def hide_dask() -> None:
+    """Keep Dask, where it is installed, out of this process until `spread_of` is asked for a scheduler.
+
+    xarray asks of its first array whether it is one of Dask's, and imports all of `dask.array` for that: half a second
+    of every command that reads a file. No array of a command is.
+    """
+    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # "not found", to every import
+
+
 def spread_of(scheduler: str | None, workers: int, keep: Path | None, device: str = "cpu") -> "Spread":
     """Return where the options say that tasks run. Raises SinewError where they cannot."""
     from sinew.measure.tasks import DEVICE, Spread
 
+    if scheduler is not None and sys.modules.get("dask", sys) is None:
+        del sys.modules["dask"]
     if keep is not None:
         require_file(keep)
     spread = Spread(scheduler, workers, keep, device)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import fft, interpolate
 
 from sinew.analysis.broadband.poles import PoleFit, fit_poles_of
 from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
@@ -169,7 +169,7 @@ def even_pieces(recording: xr.Dataset) -> tuple[list[tuple[Array, Array]], float
                 straightened += t.size
             else:
                 even = np.arange(t[0], t[-1], step)
-                x, u = (np.asarray(interpolate.CubicSpline(t, values)(even), dtype=float) for values in (x, u))
+                x, u = (np.asarray(scipy.interpolate.CubicSpline(t, values)(even), dtype=float) for values in (x, u))
                 interpolated += t.size
         pieces.append((u, x))
     notes = []
@@ -187,7 +187,7 @@ def repeats_every(drive: Array) -> int | None:
     sums = np.cumsum(x**2)
     if not sums[-1] > 0:
         return None
-    lags = fft.irfft(np.abs(fft.rfft(x, 2 * size)) ** 2)[:size]
+    lags = scipy.fft.irfft(np.abs(scipy.fft.rfft(x, 2 * size)) ** 2)[:size]
     head, tail = sums[::-1], sums[-1] - np.concatenate([[0.0], sums[:-1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         likeness = lags / np.sqrt(head * tail)

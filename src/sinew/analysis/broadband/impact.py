@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import fft, signal
 
 from sinew.analysis.broadband.broadband import (
     Broadband,
@@ -73,7 +73,7 @@ def find_blows(drive: Array) -> list[Blow]:
     level = max(_NOISE * noise, _SMALL * float(force.max()))
     if not level > 0:
         return []
-    tops, seen = signal.find_peaks(np.concatenate([[0.0], force, [0.0]]), height=level, prominence=level)
+    tops, seen = scipy.signal.find_peaks(np.concatenate([[0.0], force, [0.0]]), height=level, prominence=level)
     tops = tops[seen["prominences"] >= _SINGLE * seen["peak_heights"]] - 1
     if not tops.size:
         return []
@@ -362,8 +362,8 @@ def _measure(strikes: Sequence[_Strike], length: int, sample_hz: float) -> _Meas
     decay = -math.log(_LEFT) * sample_hz / length
     window = np.exp(-decay / sample_hz * np.arange(length))
     force_windows = np.stack([strike.window[:length] for strike in strikes]) * window
-    force: Complexes = fft.rfft(np.stack([strike.force[:length] for strike in strikes]) * force_windows, axis=1)
-    moved: Complexes = fft.rfft(np.stack([strike.response[:length] for strike in strikes]) * window, axis=1)
+    force: Complexes = scipy.fft.rfft(np.stack([strike.force[:length] for strike in strikes]) * force_windows, axis=1)
+    moved: Complexes = scipy.fft.rfft(np.stack([strike.response[:length] for strike in strikes]) * window, axis=1)
     sxx, syy = (np.asarray((np.abs(one) ** 2).sum(axis=0), dtype=float) for one in (force, moved))
     sxy = (np.conj(force) * moved).sum(axis=0)
     count = len(strikes)
@@ -446,7 +446,7 @@ def _line_errors(measured: _Measured, lines: NDArray[np.intp]) -> LineErrors:
                 spectrum = np.zeros((size // 2 + 1, columns.shape[1]), dtype=complex)
                 spectrum[lines] = weighted * spread[:, None]
                 # half of the two-sided sum: irfft adds the conjugates, which doubles the real part
-                course = 0.5 * size * fft.irfft(spectrum, size, axis=0) * through[:, None]
+                course = 0.5 * size * scipy.fft.irfft(spectrum, size, axis=0) * through[:, None]
                 total += course.T @ course
         return total
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, signal
 
 from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError
@@ -37,7 +37,7 @@ class Segmentation:
 
     def weights(self) -> Array:
         """Return the window, shape (length,)."""
-        return np.asarray(signal.get_window(self.window, self.length), dtype=float)
+        return np.asarray(scipy.signal.get_window(self.window, self.length), dtype=float)
 
     def count(self, size: int) -> int:
         """Return how many whole segments `size` samples hold."""
@@ -128,7 +128,7 @@ class _Sum:
         windowed = self._segment[: len(segments)]
         np.subtract(segments, level[:, None], out=windowed)
         np.multiply(windowed, self.window, out=windowed)
-        waves: Complexes = fft.rfft(windowed, axis=1)
+        waves: Complexes = scipy.fft.rfft(windowed, axis=1)
         parts = waves.view(float)
         self.powers[which] += np.einsum("ij,ij->j", parts, parts)
         return waves

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import interpolate, linalg, optimize, signal
+import scipy
+from scipy import linalg, optimize
 
 from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sandwich, unit_columns
 from sinew.measure.arrays import Array, Complexes
@@ -386,7 +387,7 @@ def _whiten(columns: Array, noise: Array) -> Array:
     order = noise.size
     if order == 0:
         return columns
-    out = signal.lfilter(np.concatenate([[1.0], -noise]), [1.0], columns, axis=0)
+    out = scipy.signal.lfilter(np.concatenate([[1.0], -noise]), [1.0], columns, axis=0)
     root = linalg.cholesky(linalg.toeplitz(_autocovariance(noise)), lower=True)
     out[:order] = linalg.solve_triangular(root, columns[:order], lower=True)
     return np.asarray(out, dtype=float)
@@ -547,7 +548,7 @@ def smooth_functions(s: Array, count: int) -> Array:
         return polynomials(s, count)
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, count - 2), np.ones(3)])
     inside = np.clip(s, 0.0, 1.0)
-    return np.asarray(interpolate.BSpline.design_matrix(inside, knots, 3).toarray(), dtype=float)
+    return np.asarray(scipy.interpolate.BSpline.design_matrix(inside, knots, 3).toarray(), dtype=float)
 
 
 def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate, optimize, signal
+import scipy
+from numpy.typing import ArrayLike
+from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import (
     DecayFit,
@@ -13,6 +14,7 @@ from sinew.analysis.decay.decay_fit import (
     fit_decay_and_rest,
     printed_lehr_damping,
 )
+from sinew.analysis.signal.extremes import alternating_extremes, local_cubic, maxima
 from sinew.measure.arrays import Array, Mask, robust_std
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
@@ -85,14 +87,14 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
     if finer > 1:
         coarse = time_s
         time_s = np.linspace(coarse[0], coarse[-1], finer * (coarse.size - 1) + 1)
-        values = interpolate.CubicSpline(coarse, values)(time_s)
+        values = scipy.interpolate.CubicSpline(coarse, values)(time_s)
         step /= finer
     window = min(2 * int(0.3 * half_period / step) + 1, time_s.size - (1 - time_s.size % 2))
-    smooth, slope, curve = (signal.savgol_filter(values, window, 3, deriv=k, delta=step) for k in range(3))
+    smooth, slope, curve = local_cubic(values, window, step)
     rough = robust_std(values - smooth)
     noise = max(noise, rough)
     value_std = noise * min(1.0, 1.5 / np.sqrt(window / finer))
-    index = _alternating(smooth, max(5.0 * value_std, _SMALL_SWING * span))
+    index = alternating_extremes(smooth, max(5.0 * value_std, _SMALL_SWING * span))
     shift = np.clip(-slope[index] / np.where(curve[index] == 0, np.inf, curve[index]), -step, step)
     return Peaks(time_s[index] + shift, smooth[index] + 0.5 * slope[index] * shift, half_period, noise, value_std)
 
@@ -104,7 +106,7 @@ def first_half_period(time_s: Array, values: Array) -> float:
         raise RecordingError("the response is constant; a ring-down needs an oscillation (is it the right column?)")
     length = int(np.clip(np.ceil((30.0 * noise / span) ** 2), 1, max(1, values.size // 20)))
     smooth = np.convolve(values, np.ones(length) / length, mode="valid") if length > 1 else values
-    index = _alternating(smooth, max(7.0 * noise / np.sqrt(length), 0.02 * span))
+    index = alternating_extremes(smooth, max(7.0 * noise / np.sqrt(length), 0.02 * span))
     if index.size < 2:
         raise RecordingError(
             f"no oscillation found: {index.size} peaks stand out of the noise, at least 3 half cycles are needed; "
@@ -113,26 +115,6 @@ def first_half_period(time_s: Array, values: Array) -> float:
     swings = np.abs(np.diff(smooth[index]))
     large = swings >= _LARGE_SWING * swings.max()
     return float(np.median(np.diff(time_s[index])[large]))
-
-
-def _alternating(values: Array, prominence: float) -> NDArray[np.intp]:
-    """Return the indices of maxima and minima in turn; of neighbours of one kind the more extreme stays."""
-    tops = signal.find_peaks(values, prominence=prominence)[0]
-    bottoms = signal.find_peaks(-values, prominence=prominence)[0]
-    index = np.concatenate([tops, bottoms])
-    sign = np.concatenate([np.ones(tops.size), -np.ones(bottoms.size)])
-    order = np.argsort(index)
-    index, sign = index[order], sign[order]
-    kept: list[int] = []
-    signs: list[float] = []
-    for i, s in zip(index, sign, strict=True):
-        if signs and signs[-1] == s:
-            if s * (values[i] - values[kept[-1]]) > 0:
-                kept[-1] = int(i)
-            continue
-        kept.append(int(i))
-        signs.append(float(s))
-    return np.asarray(kept, dtype=np.intp)
 
 
 # The free decay begins: after a rest, a hold, a hand's release or a forced oscillation.
@@ -148,6 +130,7 @@ _LONG = 1.8  # times the next half period: longer than any free swing but one fr
 _STILL = 0.25  # of a swing: less motion in the half cycle before is a hold
 _STEEP = 2.5  # times the shrinking that follows
 _DRIVE_NOISE = 10.0  # times its noise: a drive that moves less has not moved
+_ROUND_OFF = 1e-9  # of a swing: of a steady motion's, which are equal but for it, the first counts
 _LAST_DRIVE_SWING = 0.3  # of the largest: smaller swings of the drive are parasitic motion after its stop
 
 
@@ -161,7 +144,7 @@ def first_free_peak(time_s: Array, values: Array, peaks: Peaks) -> int:
     of large swings). Behind a hold or a release by hand the swing out of the hold is left out: the release takes time.
     """
     swing = peaks.swing
-    first = int(np.argmax(swing))
+    first = int(np.argmax(swing >= (1.0 - _ROUND_OFF) * swing.max()))
     kink = _kink(swing, np.sqrt(2.0) * peaks.value_std)
     if kink is not None:
         first = max(first, kink)
@@ -325,7 +308,7 @@ def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array
     if np.ptp(steps) <= _JITTER * step:
         return t, x, lever, 0.0
     even = np.linspace(t[0], t[-1], t.size)
-    response = np.asarray(interpolate.CubicSpline(t, x)(even), dtype=float)
+    response = np.asarray(scipy.interpolate.CubicSpline(t, x)(even), dtype=float)
     return even, response, None if lever is None else np.interp(even, t, lever), 0.0
 
 
@@ -416,7 +399,7 @@ def band_passed(t: Array, x: Array, frequency_hz: float) -> Array:
     """Return what of an even record, shape (n,), lies around a frequency, without shift of phase."""
     nyquist = 0.5 * (t.size - 1) / float(t[-1] - t[0])
     band = [_BAND[0] * frequency_hz / nyquist, min(_BAND[1] * frequency_hz / nyquist, 0.98)]
-    filtered = signal.sosfiltfilt(signal.butter(2, band, "bandpass", output="sos"), x - np.median(x))
+    filtered = scipy.signal.sosfiltfilt(scipy.signal.butter(2, band, "bandpass", output="sos"), x - np.median(x))
     return np.asarray(filtered, dtype=float)
 
 
@@ -426,10 +409,10 @@ def spectral_lines(t: Array, x: Array) -> list[float]:
     line = np.polynomial.Polynomial.fit(t, x, 1)
     power = np.abs(np.fft.rfft(x - line(t), 2 * n)) ** 2
     frequency = np.fft.rfftfreq(2 * n, float(t[-1] - t[0]) / (n - 1))
-    power = signal.convolve(power, np.ones(3) / 3.0, mode="same")
+    power = np.convolve(power, np.ones(3) / 3.0, mode="same")
     lowest = _FEWEST_CYCLES / float(t[-1] - t[0])
     found: list[tuple[float, float]] = []
-    for top in signal.find_peaks(power)[0]:
+    for top in maxima(power):
         here = float(frequency[top])
         if not lowest < here < 0.9 * float(frequency[-1]):
             continue

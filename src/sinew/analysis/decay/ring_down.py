@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy import integrate, special
+from scipy import special
 
 from sinew.analysis.decay.course import (
     Course,
@@ -773,7 +774,7 @@ def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
 
     The drift is that behind the start of the fit, where the record holds more.
     """
-    angle = integrate.cumulative_trapezoid(rate - fit.rest(t), t, initial=0)
+    angle = scipy.integrate.cumulative_trapezoid(rate - fit.rest(t), t, initial=0)
     wave = np.exp((1j * fit.omega_rad_s - fit.decay_rate_per_s) * (t - fit.start_s))
     basis = np.stack([wave.real, wave.imag, np.ones_like(t), t - fit.start_s], axis=1)
     free = t >= fit.start_s - 1e-9

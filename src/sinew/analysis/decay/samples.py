@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate
 
 from sinew.analysis.decay.free_decay import LARGEST_GAP, checked_record, evenly, first_half_period, noise_level
 from sinew.analysis.signal.signals import is_cut_off, resolution, rows_of_one_value
@@ -96,7 +96,7 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
             "range"
         )
     even_s = np.linspace(t[0], t[-1], round(float(t[-1] - t[0]) / step) + 1)
-    even = np.asarray(interpolate.PchipInterpolator(t[told], x[told], extrapolate=False)(even_s), dtype=float)
+    even = np.asarray(scipy.interpolate.PchipInterpolator(t[told], x[told], extrapolate=False)(even_s), dtype=float)
     known = np.isfinite(even)
     even = np.interp(even_s, even_s[known], even[known])
     lever = None if lever is None else np.interp(even_s, t, lever)

@@ -17,11 +17,12 @@ that is good for:
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_simpson
 from scipy.spatial.transform import Rotation
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
@@ -30,7 +31,9 @@ from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import quaternion, swing_of, torsion_of, turned_about_x
 from sinew.measure.errors import RecordingError
 from sinew.measure.schema import Excitation
-from sinew.plan.rig import RigSpec
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 _EARTH_TO_BASE = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """The filter's earth has z upwards, the base has x."""
@@ -81,7 +84,7 @@ def read_attitude(signals: Signals) -> Attitude | None:
     return Attitude(found, False)
 
 
-def head_motion(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> HeadMotion:
+def head_motion(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> HeadMotion:
     """Return torsion, pitch and roll of the head over a recording, of a bent head or an upright one.
 
     rig: that says how far the sensor is off the joint's axis; the delay of the gyroscope is not taken off here.
@@ -175,7 +178,9 @@ def integrate_rate(time_s: Array, rate: Array) -> Array:
     """
     if rate.shape[-1] < 3:
         raise RecordingError(f"cannot integrate {rate.shape[-1]} samples of a rate; record at least 3")
-    return np.asarray(cumulative_simpson(rate, x=np.broadcast_to(time_s, rate.shape), axis=-1, initial=0.0))
+    return np.asarray(
+        scipy.integrate.cumulative_simpson(rate, x=np.broadcast_to(time_s, rate.shape), axis=-1, initial=0.0)
+    )
 
 
 def steady_torsion(time_s: Array, signal: Array, fitted: Harmonics, is_rate: bool) -> Array:
@@ -195,7 +200,7 @@ def steady_torsion(time_s: Array, signal: Array, fitted: Harmonics, is_rate: boo
     return np.asarray(angle - (angle - harmonic).mean(axis=1, keepdims=True))
 
 
-def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | None = None) -> xr.Dataset:
+def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec | None" = None) -> xr.Dataset:
     """Return drive, torsion and its rate over the whole periods of one steady segment, on one true time.
 
     The torsion's delay and attenuation at the drive frequency are undone, and so is the drive's delay: torsion and
@@ -270,7 +275,7 @@ class LeverMotion:
     shares: Complexes
 
 
-def measure_lever(recording: xr.Dataset, rig: RigSpec | None = None) -> LeverMotion:
+def measure_lever(recording: xr.Dataset, rig: "RigSpec | None" = None) -> LeverMotion:
     """Return how the lever moved in the steady segments of a recording.
 
     rig: whose delay of the encoder is undone; None for a perfect one. Segments that are too short for their frequency

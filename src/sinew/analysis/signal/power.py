@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90
-from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 # A periodic signal gets its mean over a cycle, from samples that hold no whole number of cycles.
 
@@ -51,7 +53,7 @@ def cycle_mean(time_s: Array, signal: Array, frequency_hz: Array) -> tuple[Array
     return solution[:, 0], std
 
 
-def idle_power(rig: RigSpec) -> float:
+def idle_power(rig: "RigSpec") -> float:
     """Return what all servos draw with their torque off [W], by data sheet: no register tells it.
 
     Standby current times supply voltage, of the tendons' servos and the drive's.
@@ -60,7 +62,7 @@ def idle_power(rig: RigSpec) -> float:
     return sum(SERVOS[model].standby_current for model in models) * rig.drive.supply_voltage.value
 
 
-def supply_uncertainty(supply_v: NDArray[Any] | None, rig: RigSpec) -> float:
+def supply_uncertainty(supply_v: NDArray[Any] | None, rig: "RigSpec") -> float:
     """Return the relative standard uncertainty of the voltage: of its register's unit, or of the rig's value.
 
     supply_v: as recorded, (n,); None where it was not. A rig's value without an interval counts as exact.
@@ -103,7 +105,7 @@ def read_power(signals: Signals) -> Power | None:
     return Power(recorded["drive_pwm"] * supply * current, rig.drive.resistance * current**2, holding)
 
 
-def rest_power(signals: Signals, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
+def rest_power(signals: Signals, rig: "RigSpec") -> dict[tuple[float, int], tuple[float, float]]:
     """Return (mean, standard deviation) of all motors' electrical power in the idle segments [W].
 
     By (pretension [mm], repeat). Tendon motors hold, the lever stays at its zero. At rest the currents hardly move, so

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,9 @@ from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SAMPLE_VARIABLES, Excitation, SegmentKind
-from sinew.plan.rig import NODE_HZ, RigSpec
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
 
@@ -57,7 +59,7 @@ def sample_rate(recording: xr.Dataset) -> float:
     return float(1.0 / np.median(steps[inside]))
 
 
-def delay_budget(recording: xr.Dataset, rig: RigSpec | None) -> DelayBudget:
+def delay_budget(recording: xr.Dataset, rig: "RigSpec | None") -> DelayBudget:
     """Return the delay budget that a recording went through.
 
     rig: whose IMU and bus recorded it; None, or a recording without gyroscope, gives a perfect sensor.
@@ -76,8 +78,10 @@ def delay_budget(recording: xr.Dataset, rig: RigSpec | None) -> DelayBudget:
     )
 
 
-def sensor_budget(rig: RigSpec) -> DelayBudget:
+def sensor_budget(rig: "RigSpec") -> DelayBudget:
     """Return the delays of a rig's sensor at its own rate."""
+    from sinew.plan.rig import NODE_HZ  # whoever has a rig has its module
+
     imu = rig.imu
     return DelayBudget(NODE_HZ, imu.low_pass.value, imu.residual_delay.value, imu.average_samples)
 
@@ -158,7 +162,7 @@ class Signals:
     segments: list[tuple[Segment, slice]]
     response: Channel
     drive: Channel | None
-    rig: RigSpec | None
+    rig: "RigSpec | None"
     budget: DelayBudget
     recorded: Mapping[str, NDArray[Any]]
     attrs: Mapping[Any, Any]
@@ -173,7 +177,7 @@ class Signals:
         return ((segment, where) for segment, where in self.segments if segment.kind == kind)
 
 
-def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Signals:
+def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> Signals:
     """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.

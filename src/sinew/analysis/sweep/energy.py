@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.optimize import nnls
 
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
@@ -232,7 +232,7 @@ class _Sweep:
         known = np.isfinite(values)
         if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
             return math.nan
-        curve = Akima1DInterpolator if self.second else CubicSpline
+        curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
         return float(curve(self.f[known], values[known])(where))
 
     def power(self, where: float) -> tuple[float, float, float]:
@@ -249,7 +249,7 @@ class _Sweep:
             bend, slope, _ = np.polyfit(self.f[near] - self.f[least], cost[near], 2)
             return float(self.f[least] - 0.5 * slope / bend) if bend > 0 else math.nan
         fine = np.linspace(self.f[0], self.f[-1], _FINE)
-        place = int(np.argmin(CubicSpline(self.f, cost)(fine)))
+        place = int(np.argmin(scipy.interpolate.CubicSpline(self.f, cost)(fine)))
         return float(fine[place]) if 0 < place < _FINE - 1 else math.nan
 
 

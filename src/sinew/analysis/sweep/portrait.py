@@ -1,6 +1,7 @@
 """Phase portraits of torsion and its rate, and how anharmonic the joint is by them."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,9 @@ from sinew.analysis.signal.signals import Signals, read_signals, torsion_chain
 from sinew.measure.arrays import Array, wrapped_lag
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.plan.rig import RigSpec
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Portrait:
     half_area_asymmetry: Estimate
 
 
-def phase_portrait(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | None = None) -> Portrait:
+def phase_portrait(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec | None" = None) -> Portrait:
     """Return the phase portrait of one steady segment (paper, section 5.2.3).
 
     segment: its number in the recording. rig: whose sensor chain is undone, at each harmonic for the shares.

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
 from sinew.analysis.signal.repeats import Interval, combine_repeats
@@ -610,8 +610,9 @@ def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
     if not math.isfinite(where) or known.sum() < 4 or not f[known][0] <= where <= f[known][-1]:
         return _DriveThere(math.nan, math.nan, math.nan)
     x, y = f[known], lever[known]
-    spline = CubicSpline(x, y)
-    other = Akima1DInterpolator(x, y.real)(where) + 1j * Akima1DInterpolator(x, y.imag)(where)
+    spline = scipy.interpolate.CubicSpline(x, y)
+    akima = scipy.interpolate.Akima1DInterpolator
+    other = akima(x, y.real)(where) + 1j * akima(x, y.imag)(where)
     value = abs(complex(spline(where)))
     near = abs(complex(spline(where - 1e-4))), abs(complex(spline(where + 1e-4)))
     slope = (near[1] - near[0]) / 2e-4

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -20,7 +20,9 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import Segment
 from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
-from sinew.plan.rig import RigSpec
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
 
 DRIFT_THRESHOLD = 0.005
 """A group is settled if the relative change of its complex amplitude per period is below this, or below its noise."""
@@ -71,7 +73,7 @@ class _Batch:
     signal: Array
 
 
-def estimate_response(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Response:
+def estimate_response(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> Response:
     """Return the frequency response of all steady segments.
 
     recording: its steady segments carry a frequency; see `sinew.analysis.signal.groups.split_by_drive` for those that
