@@ -121,7 +121,7 @@ def test_nobody_is_told_to_fetch_another_projects_sinew() -> None:
     assert found == []
 
 
-@pytest.mark.parametrize("extra", ["posterior", "cluster", "dashboard", "formats", "dev"])
+@pytest.mark.parametrize("extra", ["posterior", "cluster", "dashboard", "files", "dev"])
 def test_the_page_on_installing_names_every_extra_and_the_wheel(extra: str) -> None:
     page = (ROOT / "docs/how-to/install.md").read_text(encoding="utf-8")
     assert f"| `{extra}` |" in page

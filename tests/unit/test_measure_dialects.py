@@ -165,7 +165,7 @@ def test_a_format_whose_library_is_missing_is_refused_with_how_to_install_it(
     (tdms,) = [one for one in BINARIES if one.name == "labview.tdms"]
     file = written(tdms, tmp_path)
     monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
-    with pytest.raises(SinewError, match=r"npTDMS reads, and that is not installed; install it: .*\[formats\]"):
+    with pytest.raises(SinewError, match=r"npTDMS reads, and that is not installed; install it: .*\[files\]"):
         import_csv(file)
 
 

@@ -75,7 +75,7 @@ def library(path: Path, module: str, package: str, what: str, does: str = "reads
     except ImportError as error:
         raise FileError(
             f"{path.name} is {what}, which {package} {does}, and that is not installed; "
-            f"install it: {how_to_install('formats')}"
+            f"install it: {how_to_install('files')}"
         ) from error
 
 

@@ -58,7 +58,7 @@ class RunStream:
             from foxglove.websocket import ServerListener
         except ImportError as error:
             raise SinewError(
-                f"found no foxglove-sdk, which the web socket needs; install it: {how_to_install('formats')}"
+                f"found no foxglove-sdk, which the web socket needs; install it: {how_to_install('files')}"
             ) from error
 
         self._journal, self._seen = journal, threading.Event()
