@@ -297,6 +297,8 @@ _FACE: dict[str, Callable[[object], bool]] = {
     "Values": lambda thing: True,
 }
 _MODULE = re.compile(r"\b(?:[a-z_]\w*\.)+(?=[A-Z])")
+_LATE = re.compile(r"(: |-> )'([^']*)'(?=[,) ]|$)")
+"""An annotation of what is not imported until it is used."""
 
 
 def python_page() -> str:
@@ -323,7 +325,7 @@ def _face_entry(name: str, thing: object) -> str:
         return text + f"{_first_line(thing)}\n\n" + "\n".join(rows) + "\n"
     names: list[str] = list(getattr(thing, "__annotations__", {}))
     if inspect.isfunction(thing):
-        called = _MODULE.sub("", f"{name}{inspect.signature(thing)}")
+        called = _LATE.sub(r"\1\2", _MODULE.sub("", f"{name}{inspect.signature(thing)}"))
         text += f"```py\n{called}\n```\n\n"
         names = list(inspect.signature(thing).parameters)
     if isinstance(thing, dict):
