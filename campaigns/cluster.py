@@ -298,20 +298,19 @@ def cost_of(jobs: Sequence[Job], spread: Spread, workers: int, others: Callable[
     return Cost(workers, took[1], sum(seconds), took[0], digests)
 
 
-def measure(folder: Path, counts: Sequence[int], each: int, kinds: Sequence[str]) -> list[Cost]:
-    """Return the costs here and on clusters of some sizes, each after everything was compiled or read."""
+def measure(folder: Path, counts: Sequence[int], each: int, kinds: Sequence[str]) -> Iterator[Cost]:
+    """Yield the costs here and on clusters of some sizes, each after everything was compiled or read."""
     jobs = design_and_poses(folder / "jobs.log", each, kinds)
     first = list({job.function: job for job in reversed(jobs)}.values())
     list(each_task(run_job, first))
-    costs = [cost_of(jobs, HERE, 0)]
+    yield cost_of(jobs, HERE, 0)
     for count in counts:
         with Cluster(folder, count).running() as cluster:
             _load_on_all(cluster, first)
             before = cluster.cpu_s(), time.monotonic()
             time.sleep(_IDLE_S)
             idle = (cluster.cpu_s() - before[0]) / (time.monotonic() - before[1])
-            costs.append(cost_of(jobs, Spread(cluster.address), count, cluster.cpu_s)._replace(idle=idle))
-    return costs
+            yield cost_of(jobs, Spread(cluster.address), count, cluster.cpu_s)._replace(idle=idle)
 
 
 def _load_on_all(cluster: Cluster, jobs: Sequence[Job]) -> None:
@@ -336,22 +335,21 @@ def _load_on_all(cluster: Cluster, jobs: Sequence[Job]) -> None:
         client.gather(each)
 
 
-def table(costs: Sequence[Cost]) -> str:
-    """Return costs for each task, and whether the numbers are the same."""
-    here, count = costs[0], len(costs[0].digests)
-    lines = [
-        f"{count} tasks of a design and a pose map, {here.cpu_s / count:.2f} s of a core each here; network "
-        f"{1e3 * DELAY_S:g} ms each way, {8e-6 * BYTES_PER_S:g} Mbit/s; load {os.getloadavg()[0]:.1f}"
-    ]
-    for one in costs[1:]:
-        lines.append(
-            f"  {one.workers} workers: {1e3 * overhead(one, here) * here.cpu_s / count:.0f} ms of processor around a "
-            f"task, {overhead(one, here):.1%} of what it takes here (with what went by while other programs had the "
-            f"processors: {overhead(one, here, waited=True):.1%}); its own {one.task_s / here.task_s - 1:+.1%}; idle "
-            f"{one.idle:.1%} of a core; wall {one.wall_s:.2f} s for {here.wall_s:.2f} s here; "
-            f"{'the same numbers' if one.digests == here.digests else 'OTHER NUMBERS'}"
+def line(one: Cost, here: Cost) -> str:
+    """Return what a task costs, and whether the numbers are the same."""
+    count = len(here.digests)
+    if one is here:
+        return (
+            f"{count} tasks of a design and a pose map, {here.cpu_s / count:.2f} s of a core each here; network "
+            f"{1e3 * DELAY_S:g} ms each way, {8e-6 * BYTES_PER_S:g} Mbit/s; load {os.getloadavg()[0]:.1f}"
         )
-    return "\n".join(lines)
+    return (
+        f"  {one.workers} workers: {1e3 * overhead(one, here) * here.cpu_s / count:.0f} ms of processor around a "
+        f"task, {overhead(one, here):.1%} of what it takes here (with what went by while other programs had the "
+        f"processors: {overhead(one, here, waited=True):.1%}); its own {one.task_s / here.task_s - 1:+.1%}; idle "
+        f"{one.idle:.1%} of a core; wall {one.wall_s:.2f} s for {here.wall_s:.2f} s here; "
+        f"{'the same numbers' if one.digests == here.digests else 'OTHER NUMBERS'}"
+    )
 
 
 def overhead(one: Cost, here: Cost, *, waited: bool = False) -> float:
@@ -524,8 +522,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     document: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         if given.workers:
-            costs = measure(Path(folder), given.workers, given.each, given.kinds)
-            print(table(costs), flush=True)
+            costs: list[Cost] = []
+            for one in measure(Path(folder), given.workers, given.each, given.kinds):
+                costs.append(one)
+                print(line(one, costs[0]), flush=True)
             wrong += costs_wrong(costs)
             document["costs"] = [one._asdict() for one in costs]
         if given.kills:
