@@ -79,7 +79,7 @@ CALLS = {
     "samples_piece": Call(f"{_WORK}.samples", "quick", _SHORT_S),
     "samples_spectrum": Call(f"{_WORK}.samples", "quick", _SHORT_S),
     "plan_outline": Call(f"{_WORK}.design", "quick", _SHORT_S),
-    "rig_text": Call(f"{_WORK}.design", "sketch", _SHORT_S),
+    "rig_text": Call(f"{_WORK}.design", "heavy", _SHORT_S),
     "preview_document": Call(f"{_WORK}.design", "preview", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),
     "sketch_curves": Call(f"{_WORK}.design", "sketch", _SHORT_S),

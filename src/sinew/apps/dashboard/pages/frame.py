@@ -184,7 +184,7 @@ _HELP = """
 <div class="sinew-card"><h1>Help</h1><h2>A first run</h2><ol class="sinew-steps">
 <li><a href="/plan">Plan</a> has chosen a short plan. Its timeline says what the bench will do, and for how long.</li>
 <li><b>Take control and start</b> begins it. One page at a time is in control; all others look on.</li>
-<li><a href="/">Live</a> shows it: some ten seconds on the twin, then the bench pulls, swings and records; the curve
+<li><a href="/">Live</a> shows it: some seconds to get ready, then the bench pulls, swings and records; the curve
 grows.</li>
 <li><b>Open its results</b> leads to what it found; <a href="/runs">Runs</a> has all runs, their trend, what tells them
 apart.</li></ol></div>

@@ -262,7 +262,7 @@ class _Desk:
             minutes = "{} min {} s".format(*divmod(whole, 60)) if whole >= 60 else f"{whole} s"
             longer = found["longest_s"] - found["duration_s"]
             more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
-            took = f"About {minutes}{more} on the bench, after some ten seconds on the twin"
+            took = f"About {minutes}{more} on the bench, after some seconds to get ready"
             self._length.set_text(f"{took}; {found['groups']} groups: {_groups_in_words(parse_plan(self._text.value))}")
             if found["ok"]:
                 rest = ", knowing this:" if found["findings"] else "."

@@ -291,7 +291,7 @@ function tell(run, state, last, mine) {
       actions: stop.is_safe ? [["sinew-stop-seen", "Close", () => { seeStop(stop.at); notice("emergency"); }]] : [] });
   } else notice("emergency");
   notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
-    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves: some ten seconds."] });
+    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves, unless Plan did so: some seconds."] });
   notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
   if (config.here !== "/" || run || !last) { notice("ended"); }
