@@ -358,14 +358,15 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
     gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
     lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
     plain, settled = {name: mean_of_known(columns[name]) for name in _PLAIN}, mean_of_known(columns["settled"])
+    pretension, frequency = (results[axis].values.tolist() for axis in ("pretension_mm", "frequency_hz"))
     rows = []
     for p, f in np.ndindex(*delay.shape):
         repeats = int(np.isfinite(columns["distortion"][p, f]).sum())
         if not repeats:
             continue
         row: dict[str, Any] = {
-            "pretension_mm": float(results["pretension_mm"].values[p]),
-            "frequency_hz": float(results["frequency_hz"].values[f]),
+            "pretension_mm": pretension[p],
+            "frequency_hz": frequency[f],
             "repeats": repeats,
         }
         row |= {name: finite(float(mean[p, f])) for name, mean in plain.items()}
@@ -523,12 +524,13 @@ _CONSTANTS = ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad")
 def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
+    columns = {name: np.stack([results[one].values for one in (name, *companions(name))]).T.tolist() for name in names}
     rows = []
     for index, pretension in enumerate(results["pretension_mm"].values):
         row: dict[str, Any] = {"pretension_mm": float(pretension)}
-        for name in names:
-            std, low, high = (float(results[end].values[index]) for end in companions(name))
-            row[name] = _of_mean(float(results[name].values[index]), std, low, high, int(repeats[index])).to_json()
+        for name, numbers in columns.items():
+            value, std, low, high = numbers[index]
+            row[name] = _of_mean(value, std, low, high, int(repeats[index])).to_json()
         rows.append(row)
     return rows
 
