@@ -36,7 +36,8 @@ def main(_: Sequence[str] = ()) -> None:
     print(f"  first block        {time.perf_counter() - begin:8.2f} s, with compiling or reading what was compiled")
     found, alone = _timed(search_block, blocks, None)
     fit = sum(int(one.feasible.sum()) for one in found)
-    print(f"  one process        {alone:8.2f} s, {1000 * alone / count:.2f} s per thousand; {fit} keep every limit")
+    print(f"  one process        {alone:8.2f} s, {1000 * alone / count:.2f} s per thousand (wanted: at most 1.5); "
+          f"{fit} keep every limit")  # fmt: skip
     drafts = drafts_of(found, text, TARGET, EXACT)
     propose(drafts[0])
     proposals, exact = _timed(propose, drafts, None)

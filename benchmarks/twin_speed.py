@@ -30,6 +30,7 @@ from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 SAMPLE_HZ = 200.0
 SECONDS = 5.0
+_STABLE = 0.1  # of the amplitude: MuJoCo begins a motion anew that runs away
 
 
 def _groups(count: int) -> list[Group]:
@@ -120,6 +121,7 @@ def _against_mujoco(rig: RigSpec, twin_cost: float) -> None:
     step_s = 1 / SAMPLE_HZ / STEPS_PER_SAMPLE
     groups = _groups(26)
     _, fine = _rollout(rig, groups, step_s / 8, "RK4")
+    ratios = []
     for label, integrator, step in (
         ("RK4, the twin's step", "RK4", step_s),
         ("implicitfast, the twin's step", "IMPLICITFAST", step_s),
@@ -128,10 +130,11 @@ def _against_mujoco(rig: RigSpec, twin_cost: float) -> None:
         seconds, amplitude = _rollout(rig, groups, step, integrator)
         cost = seconds / (SECONDS * len(groups))
         error = np.max(np.abs(amplitude / fine - 1))
+        ratios.append(cost / twin_cost if step == step_s and error < _STABLE else np.inf)
         print(
             f"  {label:31} {cost * 1e3:6.2f} ms per simulated second, error {error:.1e}, ratio {cost / twin_cost:.1f}"
         )
-    print("  wanted: at least 4 at the twin's accuracy (the same integrator and step)")
+    print(f"  {min(ratios):.1f} times MuJoCo's cheapest that runs stably at the same step (wanted: at least 10)")
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from sinew.measure.errors import SpecError
 from sinew.predict.oscillator import Oscillator, expected_amplitude, oscillator_problem, resolution_of
 from sinew.solve.branch import Branch
 from sinew.solve.curves import predict
+from sinew.solve.examination import largest_multiplier, maps_of, rows_of
 from sinew.twin.cache import configure
 
 configure()
@@ -86,6 +87,17 @@ def test_a_hardening_oscillator_is_unstable_between_its_folds_and_nowhere_else(h
     assert on_the_way_back.sum() > 5
     assert not hardening.stable[on_the_way_back].any()
     assert hardening.stable[~np.append(back, False) & ~np.append(False, back)].all()
+
+
+def test_the_multipliers_of_a_curve_are_those_of_its_refined_motions(hardening: Branch) -> None:
+    one = [oscillator(cubic=6.0)]
+    problem = oscillator_problem(one, BAND_HZ)
+    fine = next(fine for _, fine in resolution_of(one).sizes if fine.harmonics == hardening.waves)
+    lane = rows_of(problem.lane, np.zeros(hardening.frequency_hz.size, dtype=int))
+    omega = 2 * np.pi * hardening.frequency_hz / lane.omega
+    x = np.column_stack([hardening.motion / lane.scale[:, :1], omega])
+    there = largest_multiplier(maps_of(x, lane, problem.equations, fine), problem.equations)
+    assert hardening.multiplier == pytest.approx(there, rel=2e-4)
 
 
 def test_a_hardening_oscillator_scales_with_its_stiffness_and_its_amplitude(hardening: Branch) -> None:

@@ -224,6 +224,7 @@ BLOCK = 16
 """Motions that are evaluated in one call; any number runs in blocks of this size, so that it is compiled once."""
 
 _REFINEMENTS, _ENOUGH = 4, 3e-4
+_SAME = 5e-5  # of the motion, for its map
 _SETTLED, _NEAR = 0.03, 0.05
 
 
@@ -276,6 +277,15 @@ def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tupl
     return (jax.vmap(one)(x, lane),)
 
 
+@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
+def _balances_and_maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
+        left, slope, local = balance(x, lane, equations, size)
+        return left, slope, half_map(local, x[-1] * lane.omega, equations)
+
+    return jax.vmap(one)(x, lane)
+
+
 def in_blocks(
     compiled: Any, x: Any, lane: Lane, equations: Equations, size: Size, width: int = BLOCK
 ) -> tuple[Array, ...]:
@@ -311,6 +321,24 @@ def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
     return in_blocks(_maps, x, lane, equations, size)[0]
 
 
+def _corrected(
+    x: Array, normals: Array, lane: Lane, equations: Equations, size: Size, *, mapped: bool
+) -> tuple[Array, ...]:
+    """Return the corrections of k motions across normals, (k, m + 1), and where wanted the maps there, (k, s, s).
+
+    Systems are solved block by block: those of a whole curve at once are an array that no cache holds.
+    """
+
+    def compiled(given: tuple[Array, Array], lane: Lane, *, equations: Equations, size: Size) -> tuple[Array, ...]:
+        left, slope, *maps = map(
+            np.asarray, (_balances_and_maps if mapped else _balances)(given[0], lane, equations=equations, size=size)
+        )
+        matrix = np.concatenate([slope, given[1][:, None, :]], axis=1)
+        return solved(matrix, np.concatenate([-left, np.zeros((len(left), 1))], axis=1)), *maps
+
+    return in_blocks(compiled, (x, normals), lane, equations, size)
+
+
 def examine(
     points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size, *, stability: bool = True
 ) -> Examination:
@@ -318,23 +346,26 @@ def examine(
 
     points: scaled unknowns (k, m + 1). normals: across which they are refined, (k, m + 1), the curve's tangents.
     lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be. stability: whether the
-    maps are wanted, which take a third of the time; else they have no rows and columns.
+    maps are wanted, which take a fifth of the time; else they have no rows and columns. They are those of the motion
+    before its last correction, which is below `_SAME` where the refinement settles: they are hardly more exact.
     """
     place = embedded(equations, size.harmonics, fine.harmonics)
     wide, normal = np.zeros((2, len(points), place[-1] + 1))
     wide[:, place], normal[:, place] = points, normals
-    there = wide.copy()
-    left, last = np.arange(len(points)), np.zeros(len(points))
+    there, states = wide.copy(), size_of(equations) if stability else 0
+    left, last, maps = np.arange(len(points)), np.zeros(len(points)), np.zeros((len(points), states, states))
+    enough = _SAME if stability else _ENOUGH
 
-    for _ in range(_REFINEMENTS):
+    for step in range(_REFINEMENTS):
         if not left.size:
             break
-        seen = evaluate(there[left], rows_of(lane, left), equations, fine)
-        matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
-        change = solved(matrix, np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1))
+        mapped = stability and step > 0
+        change, *seen = _corrected(there[left], normal[left], rows_of(lane, left), equations, fine, mapped=mapped)
         there[left] += change
         last[left] = np.linalg.norm(change, axis=1)
-        left = left[last[left] > _ENOUGH]
+        if mapped:
+            maps[left] = seen[0]
+        left = left[(last[left] > enough) | (stability and not mapped)]
     moved = there[:, -1] / wide[:, -1] - 1
     before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
     return Examination(
@@ -346,6 +377,6 @@ def examine(
         lag_product(there, equations, fine.harmonics)[0],
         after - before,
         moved,
-        maps_of(there, lane, equations, fine) if stability else np.zeros((len(points), 0, 0)),
+        maps,
         (last < _SETTLED) & (np.abs(moved) < _NEAR),
     )
