@@ -434,6 +434,65 @@ def test_joints_are_kept_side_by_side_and_a_design_becomes_a_rig(opened: Open, s
     assert load_rig(tmp_path / "mine.toml").silicone.length.value == pytest.approx(0.110)
 
 
+def test_a_rig_is_saved_though_its_page_is_left_at_once(opened: Open, tmp_path: Path) -> None:
+    with served(tmp_path / "runs") as fresh:  # nothing is loaded there that could make the rig before the page is left
+        page = opened(fresh, "/design")
+        page.click("#sinew-take")
+        page.wait_for_selector("#sinew-rig-save:enabled")
+        page.fill("#sinew-number-length_mm", "110")
+        page.fill("#sinew-rig-name", "mine")
+        page.click("#sinew-rig-save")
+        page.wait_for_selector("#sinew-rig-state:has-text('The rig is being saved.')")
+        page.wait_for_selector("#sinew-rig-save:disabled")
+        page.goto(fresh.base + "/help")
+        page.goto(fresh.base + "/design")
+        page.wait_for_selector("#sinew-rig-state:has-text('mine.toml')")
+        page.wait_for_selector("#sinew-rig-save:enabled")
+        assert load_rig(tmp_path / "runs" / "rigs" / "mine.toml").silicone.length.value == pytest.approx(0.110)
+        page.reload()
+        page.wait_for_selector("#sinew-peak")
+        page.wait_for_timeout(1000)
+        assert page.inner_text("#sinew-rig-state") == ""
+
+
+def test_a_number_beyond_a_slider_says_where_that_ends(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/design")
+    page.wait_for_selector("#sinew-peak")
+    for key, end in (("length_mm", 150), ("pretension_mm", load_rig("paper").limits.pretension_mm[1])):
+        page.fill(f"#sinew-number-{key}", "999")
+        page.keyboard.press("Tab")
+        page.wait_for_selector(f"text={end:g} mm is the end of this slider")
+        page.wait_for_function(f"document.querySelector('#sinew-number-{key}').value === '{end:g}'")
+    assert findings(page) == []
+
+
+def test_what_is_of_another_joint_is_grey_until_the_curve_is_there(opened: Open, tmp_path: Path) -> None:
+    with served(tmp_path / "runs") as fresh:
+        page = opened(fresh, "/design")
+        page.wait_for_selector("#sinew-peak")
+        page.fill("#sinew-number-length_mm", "110")
+        page.wait_for_selector(".stale #sinew-design-gain")
+        page.wait_for_selector(".stale #sinew-peak")
+        page.wait_for_selector(".stale #sinew-compiling:has-text('s so far')")
+        row = page.locator(".sinew-joints tbody tr", has_text="this joint").inner_text()
+        assert "length of the silicone 110 mm" in row
+        assert "…" in row
+        assert findings(page) == []
+        page.wait_for_selector(".stale", state="detached")
+        page.wait_for_selector("#sinew-compiling", state="hidden")
+
+
+def test_a_suggested_pretension_goes_when_the_joint_it_was_for_does(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/design")
+    page.wait_for_selector("#sinew-peak")
+    page.click("#sinew-suggest")
+    page.wait_for_selector("#sinew-use", timeout=120_000)
+    assert " mm" in page.inner_text("#sinew-suggestion")
+    page.fill("#sinew-number-wanted_hz", "3.2")
+    page.wait_for_selector("#sinew-use", state="hidden")
+    assert page.inner_text("#sinew-suggestion") == ""
+
+
 def test_the_joint_as_built_is_drawn_before_anything_is_compiled(opened: Open, tmp_path: Path) -> None:
     with served(tmp_path / "runs") as fresh:
         page = opened(fresh, "/design")

@@ -25,7 +25,7 @@ def joint(seed: int) -> tuple[dict[str, float | str | None], float, float]:
         "tendon_circle_mm": random.uniform(15, 60),
         "lever_inertia_kg_m2": random.uniform(0.004, 0.02),
     }
-    return changes, random.uniform(0, 12), random.uniform(5, 30)
+    return changes, random.uniform(0, 16), random.uniform(5, 30)
 
 
 @pytest.mark.slow

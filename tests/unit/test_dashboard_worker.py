@@ -202,5 +202,9 @@ def test_every_call_is_a_function_with_a_docstring_and_has_a_pool(name: str) -> 
     assert getattr(importlib.import_module(CALLS[name].module), name).__doc__
 
 
+def test_a_rig_that_is_saved_waits_for_nothing_else() -> None:
+    assert [name for name, call in CALLS.items() if call.pool == CALLS["rig_text"].pool] == ["rig_text"]
+
+
 def test_what_the_benchmark_asks_of_workers_can_be_asked(tmp_path: Path) -> None:
     assert set(_calls(tmp_path)) <= set(CALLS)

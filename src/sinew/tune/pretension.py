@@ -233,6 +233,15 @@ _GRID, _FINE = 5, 401
 _JUST = 1e-6
 
 
+_IN_WORDS = {
+    "tension_n": "a tendon's tension",
+    "tendon_current_a": "a tendon motor's current",
+    "torsion_deg": "the torsion",
+    "drive_amplitude_deg": "the drive's amplitude",
+    "drive_current_a": "the drive's current",
+}
+
+
 class Stress(NamedTuple):
     """One limit of a rig at one resonance. share: of the limit that is used, 1 at the limit. sentence: with both."""
 
@@ -606,8 +615,9 @@ def _setting(rig: RigSpec, hertz: float, one: Resonance, slope: float, swing: Sw
     stresses = [stress for stress in stresses_of(rig, one, swing) if stress.name != "yaw_deg"]
     worst = max(stresses, key=lambda stress: stress.share)
     sentence = (
-        f"{one.pretension_mm:.2f} mm makes it resonate at {one.frequency_hz:.4g} Hz with ±"
-        f"{math.degrees(one.torsion):.1f}°; of the rig's limits {worst.name} is used most, {worst.share:.0%}"
+        f"{one.pretension_mm:.2f} mm makes it resonate at {one.frequency_hz:.4g} Hz with a torsion of ±"
+        f"{math.degrees(one.torsion):.1f}°; of the rig's limits that of {_IN_WORDS[worst.name]} is used most, "
+        f"{worst.share:.0%}"
     )
     return Setting(
         hertz, True, sentence, Estimate(one.pretension_mm, *unknown), Estimate(one.frequency_hz, *unknown), slope, one

@@ -1,9 +1,9 @@
 """Workers of a page server: for what takes long, or needs JAX, processes of their own.
 
-Four pools, all with less right to a core than a control loop. `quick` is one process that needs no JAX: shelf, lists,
+Five pools, all with less right to a core than a control loop. `quick` is one process that needs no JAX: shelf, lists,
 what a run under way has found. `sketch` is one that has compiled what sliders need. `heavy` is one for all the rest,
-and a second while the first is busy. `preview` is one for what a start waits for. So neither a list nor a slider nor a
-start waits behind what takes long. A process begins with
+and a second while the first is busy. `preview` is one for what a start waits for, `save` one for the text of a rig
+that is saved. So neither a list nor a slider nor a start nor a save waits behind what takes long. A process begins with
 its first call, so that a bench that keeps time beside it is not held up by what nobody has asked for; it ends where
 nobody asks any more, and its memory goes back; and it ends with the process that made it.
 """
@@ -62,6 +62,7 @@ POOLS = {
     "sketch": Size(1, 600.0),
     "heavy": Size(2, 45.0, is_cut=True),
     "preview": Size(1, 45.0, is_cut=True),
+    "save": Size(1, 45.0),
 }
 """The pools by name. Who thinks for a minute about a slider finds it warm; to become so again takes 5 s of a core."""
 
@@ -79,7 +80,7 @@ CALLS = {
     "samples_piece": Call(f"{_WORK}.samples", "quick", _SHORT_S),
     "samples_spectrum": Call(f"{_WORK}.samples", "quick", _SHORT_S),
     "plan_outline": Call(f"{_WORK}.design", "quick", _SHORT_S),
-    "rig_text": Call(f"{_WORK}.design", "heavy", _SHORT_S),
+    "rig_text": Call(f"{_WORK}.design", "save", _SHORT_S),
     "preview_document": Call(f"{_WORK}.design", "preview", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),
     "sketch_curves": Call(f"{_WORK}.design", "sketch", _SHORT_S),

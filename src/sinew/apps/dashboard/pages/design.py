@@ -1,8 +1,9 @@
 """The design page: sliders of a joint, what the equations say of it at once, and joints side by side."""
 
 import asyncio
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, NamedTuple
@@ -24,7 +25,8 @@ _SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)
 _MOST_KEPT = 5
 _LETTERS = "ABCDE"
-_KEEP = "sinew-design"
+_KEEP, _SAVING = "sinew-design", "sinew-design-saving"
+_TICK_S, _AWAITED_S = 0.25, 0.3
 
 
 class _Size(NamedTuple):
@@ -44,7 +46,7 @@ _SIZES = {
     "outer_mm": _Size("Diameter of the silicone", "mm", 40.0, 80.0, 0.5, "outer_mm"),
     "tendon_circle_mm": _Size("Radius of the guides' circle", "mm", 15.0, 60.0, 0.5, "tendon_circle_mm"),
     "lever_g_m2": _Size("Inertia of the lever", "g m²", 4.0, 20.0, 0.1, "lever_inertia_kg_m2", 1e-3),
-    "pretension_mm": _Size("Pretension", "mm", 0.0, 12.0, 0.25),
+    "pretension_mm": _Size("Pretension", "mm", 0.0, math.inf, 0.25),  # as far as the rig's limits: `_ranges`
     "amplitude_deg": _Size("Amplitude of the command", "°", 2.0, 30.0, 0.5),
     "wanted_hz": _Size("Wanted resonance", "Hz", 1.0, 6.0, 0.05),
 }
@@ -53,6 +55,9 @@ _DRAWN_ONLY = "wanted_hz"
 
 
 _COMPILES = "The equations behind the sliders are being compiled: some seconds, more where the computer is busy."
+_COMPUTES = "The equations are being computed."
+_OUTDATED = "What is grey is of the joint before."
+_SAVES = "The rig is being saved. Where this page is left before it is, that goes on when the page is opened again."
 
 
 def add_design_page(site: Site) -> None:
@@ -87,6 +92,7 @@ class _Row:
     slider: ui.slider
     number: ui.number
     reset: ui.element
+    said: ui.label
 
 
 class _Sliders:
@@ -95,12 +101,18 @@ class _Sliders:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._rig_toml = site.rig_text(site.rig)
-        self._built = _sizes(parse_rig(self._rig_toml))
+        rig = parse_rig(self._rig_toml)
+        self._ranges = _ranges(rig)
+        self._built, self._rig_name = _sizes(rig), rig.name
         self._as_built = _Joint("as built", dict(self._built), 1)
         self._now = _Joint("this joint", dict(self._built), 0)
         self._kept: list[_Joint] = []
         self._rows: dict[str, _Row] = {}
         self._best = 0.0
+        self._awaited_from: float | None = (
+            None  # since when the present joint's curve, or the first sketch, is computed
+        )
+        self._is_outdated = False  # whether what is shown is of another joint than the sliders'
         self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
         self._is_sketched = False  # whether the equations of a sketch are compiled, as far as this page knows
@@ -108,8 +120,8 @@ class _Sliders:
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
         with ui.element("div").classes("sinew-grid"):
-            with card("Joint", 4):
-                for key, size in _SIZES.items():
+            with card(f"Joint (as built: the rig {self._rig_name})", 4):
+                for key, size in self._ranges.items():
                     self._slider(key, size)
                 with ui.element("div").classes("sinew-row"):
                     self._keep = plain_button("Keep this joint", "sinew-keep", self._pin)
@@ -123,18 +135,19 @@ class _Sliders:
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
                     )
-                    plain_button("Save as rig", "sinew-rig-save", self._save, needs_operator=True)
+                    self._save = plain_button("Save as rig", "sinew-rig-save", self._ask_to_save, needs_operator=True)
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
+                self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
             with ui.element("div").classes("span-8 sinew-stack"):
-                with card("Gain: torsion over commanded amplitude", 12):
+                with card("Gain: torsion over commanded amplitude", 12) as gain:
+                    self._waiting = empty("").props("id=sinew-compiling role=timer")
+                    self._waiting.set_visibility(False)
                     self._gain = Curves("gain")
                     self._gain.element.props("id=sinew-design-gain")
-                with card("Phase: lag of the torsion", 12):
+                with card("Phase: lag of the torsion", 12) as phase:
                     self._phase = Curves("phase")
-                with card("What it is worth", 12):
-                    self._waiting = empty("").props("id=sinew-compiling")
-                    self._waiting.set_visibility(False)
+                with card("What it is worth", 12) as worth:
                     self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
@@ -143,6 +156,8 @@ class _Sliders:
                         .classes("sinew-scroll sinew-whole")
                         .props('tabindex=0 role=region aria-label="Joints"')
                     )
+        self._dated = gain, phase, worth
+        self._clock = ui.timer(_TICK_S, self._count, active=False)
 
     def _slider(self, key: str, size: _Size) -> None:
         value, called = self._now.values[key], f"{size.name} / {size.unit}"
@@ -150,11 +165,14 @@ class _Sliders:
             ui.html(f"{size.name}", sanitize=False, tag="label").props(f"id=sinew-label-{key}")
             slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
             slider.props(f'id=sinew-slider-{key} aria-label="{size.name}" dense')
-            number = ui.number(value=value, min=size.low, max=size.high, step=size.step, suffix=size.unit)
+            number = ui.number(
+                value=value, step=size.step, suffix=size.unit
+            )  # with min and max it clamps without a word
             number.props(f'for=sinew-number-{key} aria-label="{called}" outlined dense hide-bottom-space')
             reset = plain_button("Reset", f"sinew-reset-{key}", lambda: self._put({key: self._built[key]}))
             reset.props(f'disabled aria-label="Reset: {size.name}"')
-        self._rows[key] = _Row(slider, number, reset)
+            said = ui.label().props("role=status").classes("sinew-warn")
+        self._rows[key] = _Row(slider, number, reset, said)
 
         async def moved(event: Any) -> None:
             await self._put({key: float(event.args)})
@@ -163,13 +181,20 @@ class _Sliders:
             if event.value is not None and size.low <= event.value <= size.high:
                 await self._put({key: float(event.value)})
 
+        async def left() -> None:
+            if number.value is None:
+                self._show_value(key)
+            else:
+                await self._put({key: float(number.value)})
+
+        number.on("blur", left, []).on("keydown.enter", left, [])
         slider.on("update:model-value", moved, throttle=_THROTTLE_S, leading_events=True, trailing_events=True)
         number.on_value_change(typed)
 
     async def begin(self) -> None:
         """Show the joint that was designed here last, else the rig as built, with the curves that are known."""
         kept = await recall(_KEEP)
-        known = _values_of(kept, self._built)
+        known = _values_of(kept, self._built, self._ranges)
         if known:
             self._now.values = known[0]
             for values in known[1:]:
@@ -182,12 +207,17 @@ class _Sliders:
             joint.is_fine = joint.found is not None
         self._draw()
         self._tabulate()
+        ui.timer(0.0, self._save_what_was_left, once=True)
         if self._now.found is None:
             await self._change()
         else:
             self._tell(self._now.found, fine=True)
-            with self._counted(), suppress(SinewError):  # what cannot be sketched is said when a slider asks for it
+            self._await(is_outdated=False)
+            with suppress(SinewError):  # what cannot be sketched is said when a slider asks for it
                 await self._curves_of(self._now.values, "sketch_curves")
+                self._is_sketched = True
+            if not self._is_outdated:
+                self._arrived()
         self._site.work.warm_up()
         if self._now.found is not None and self._now.found.get("is_shipped"):
             await self._compute(self._turn, fine=True)
@@ -195,38 +225,56 @@ class _Sliders:
             if joint.found is None or joint.found.get("is_shipped"):
                 await self._finish(joint)
 
-    @contextmanager
-    def _counted(self) -> Iterator[None]:
-        """Say meanwhile how long the first sketch has been waited for: its equations may have to be compiled."""
-        began = monotonic()
+    def _await(self, *, is_outdated: bool) -> None:
+        """Count from now on, where nothing is counted yet, how long a sketch is waited for."""
+        self._awaited_from, self._is_outdated = self._awaited_from or monotonic(), is_outdated
+        self._clock.activate()
 
-        def count() -> None:
-            if not self._waiting.is_deleted:
-                self._waiting.set_visibility(True)
-                self._waiting.set_text(f"{_COMPILES} {monotonic() - began:.0f} s so far.")
+    def _count(self) -> None:
+        """Say how long it has been, and grey what is old, where that is not over before anybody could look."""
+        if self._awaited_from is None or (spent := monotonic() - self._awaited_from) < _AWAITED_S:
+            return
+        said = [_COMPUTES if self._is_sketched else _COMPILES, f"{spent:.0f} s so far."]
+        self._waiting.set_text(" ".join([*said, _OUTDATED] if self._is_outdated else said))
+        self._waiting.set_visibility(True)
+        self._grey(self._is_outdated)
 
-        counter = ui.timer(1.0, count, immediate=False)
-        try:
-            yield
-            self._is_sketched = True
-        finally:
-            counter.cancel()
-            if not self._waiting.is_deleted:
-                self._waiting.set_visibility(False)
+    def _arrived(self) -> None:
+        self._awaited_from, self._is_outdated = None, False
+        self._clock.deactivate()
+        self._waiting.set_visibility(False)
+        self._grey(False)
+
+    def _grey(self, is_old: bool) -> None:
+        for part in self._dated:
+            part.classes(add="stale") if is_old else part.classes(remove="stale")
 
     async def _put(self, values: Mapping[str, float]) -> None:
-        """Set some sliders, and show what comes of it."""
+        """Set some sliders, each within its ends, and show what comes of it."""
+        asked, values = values, {key: self._within(key, value) for key, value in values.items()}
         changed = [key for key, value in values.items() if value != self._now.values[key]]
+        self._now.values |= {key: values[key] for key in changed}
+        for key in asked:
+            if values[key] != asked[key]:
+                self._rows[key].said.set_text(f"{values[key]:g} {_SIZES[key].unit} is the end of this slider.")
+                self._show_value(key)
+            elif key in changed:
+                self._rows[key].said.set_text("")
         if not changed:
             return  # the last of a burst comes twice, and slider and number tell each other
-        self._now.values |= {key: values[key] for key in changed}
         for key in changed:
             self._show_value(key)
+        if set(changed) - {"pretension_mm"}:
+            self._suggestion.set_text("")
+            self._use.set_visibility(False)
         remember(_KEEP, [one.values for one in (self._now, *self._kept)])
         if changed == [_DRAWN_ONLY]:
             self._draw()
         else:
             await self._change()
+
+    def _within(self, key: str, value: float) -> float:
+        return min(max(value, self._ranges[key].low), self._ranges[key].high)
 
     def _show_value(self, key: str) -> None:
         row, value = self._rows[key], self._now.values[key]
@@ -239,7 +287,12 @@ class _Sliders:
     async def _change(self) -> None:
         """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
         self._turn += 1
-        turn, self._now.is_fine = self._turn, False
+        turn, was_fine, self._now.is_fine = self._turn, self._now.is_fine, False
+        self._await(is_outdated=True)
+        if was_fine:
+            self._tabulate()
+        else:
+            self._differs.set_text(_different(self._now.values, self._built))
         await self._compute(turn, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
@@ -248,14 +301,18 @@ class _Sliders:
     async def _compute(self, turn: int, *, fine: bool) -> None:
         name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
         try:
-            with nullcontext() if fine or self._is_sketched else self._counted():
-                found = await self._curves_of(values, name, key=f"{name} {id(self)}")
+            found = await self._curves_of(values, name, key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
         if found is None or (fine and turn != self._turn) or self._table.is_deleted:
             return
+        self._arrived()
         if "trouble" not in found:
-            self._now.found, self._now.is_fine = found, fine
+            self._now.found, self._now.is_fine, self._is_sketched = found, fine, self._is_sketched or not fine
+        else:
+            self._grey(True)
+        if turn != self._turn:
+            self._await(is_outdated=True)
         self._draw()
         self._tell(found, fine)
         if fine:
@@ -352,7 +409,9 @@ class _Sliders:
     def _joint_row(self, joint: _Joint) -> None:
         with ui.element("tr"):
             _cell("th", joint.name, "scope=row")
-            _cell("td", _different(joint.values, self._built))
+            differs = _cell("td", _different(joint.values, self._built))
+            if joint is self._now:
+                self._differs = differs
             built = None if joint is self._as_built else self._as_built.found
             for text in _numbers(joint.found if joint.is_fine else None, built):
                 _cell("td", text)
@@ -378,6 +437,9 @@ class _Sliders:
             found = {"pretension_mm": None, "sentence": str(trouble)}
         self._suggest.props(remove="disabled")
         best = found["pretension_mm"]
+        if any(self._now.values[key] != values[key] for key in values if key != "pretension_mm"):
+            self._suggestion.set_text("The sliders were moved meanwhile; ask again.")
+            return
         if best is None:
             self._suggestion.set_text(found["sentence"])
             return
@@ -387,52 +449,83 @@ class _Sliders:
         self._use.set_visibility(True)
 
     async def _use_suggestion(self) -> None:
-        size = _SIZES["pretension_mm"]
-        await self._put({"pretension_mm": min(max(self._best, size.low), size.high)})
+        await self._put({"pretension_mm": self._best})
 
-    async def _rig(self) -> tuple[str, str] | None:
-        """Return (name of its file, text) of the present joint as a rig; None where it cannot be one."""
-        name = (self._name.value or "").strip()
+    async def _rig(self, name: str, values: Mapping[str, float]) -> tuple[str, str] | None:
+        """Return (name of its file, text) of a joint as a rig; None where it cannot be one, which is said."""
         if not is_run_name(name.replace(" ", "_")):
-            ui.notify("The rig needs a name of letters, digits, dots, dashes and spaces.", type="negative")
+            self._saved.set_text("The rig needs a name of letters, digits, dots, dashes and spaces.")
             return None
         try:
-            text = await self._site.work.call("rig_text", self._rig_toml, self._changes(self._now.values), name)
+            text = await self._site.work.call("rig_text", self._rig_toml, self._changes(values), name)
         except SinewError as trouble:
-            ui.notify(str(trouble), type="negative")
+            self._saved.set_text(str(trouble))
             return None
         return f"{name.removesuffix('.toml')}.toml", text
 
-    async def _save(self) -> None:
-        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
-        if (made := await self._rig()) is not None:
+    async def _ask_to_save(self) -> None:
+        await self._put_on_shelf((self._name.value or "").strip(), dict(self._now.values))
+
+    async def _save_what_was_left(self) -> None:
+        """Save the rig whose saving was under way when this browser left the page."""
+        told = await recall(_SAVING)
+        if isinstance(told, dict) and isinstance(told.get("name"), str):
+            await self._put_on_shelf(told["name"], _values_of([told], self._built, self._ranges)[0])
+
+    async def _put_on_shelf(self, name: str, values: dict[str, float]) -> None:
+        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time.
+
+        It alone has the leave to do so, and remembers until then what it is about.
+        """
+        self._saved.set_text(_SAVES)
+        self._save.props("data-operator=busy")
+        remember(_SAVING, {"name": name, **values})
+        made = await self._rig(name, values)
+        if self._saved.is_deleted:
+            return
+        remember(_SAVING, None)
+        if made is not None:
             told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
-            self._replacing = made[0] if (await steer("shelve", told)).get("exists") else None
+            answer = await steer("shelve", told)
+            self._replacing = made[0] if answer.get("exists") else None
+            unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
+            self._saved.set_text(answer.get("sentence") or unknown)
+        self._save.props("data-operator=ready")
 
     async def _download(self) -> None:
-        if (made := await self._rig()) is not None:
+        self._saved.set_text("The rig is being made.")
+        if (made := await self._rig((self._name.value or "").strip(), self._now.values)) is not None:
+            self._saved.set_text("")
             ui.download.content(made[1], made[0])
+
+
+def _ranges(rig: RigSpec) -> dict[str, _Size]:
+    """Return the sliders with the ends that a rig gives them."""
+    (low, high), (_, travel) = rig.limits.pretension_mm, rig.limits.tendon_travel_mm
+    pretension = _SIZES["pretension_mm"]._replace(low=max(0.0, low), high=min(high, travel))
+    return {**_SIZES, "pretension_mm": pretension}
 
 
 def _sizes(rig: RigSpec) -> dict[str, float]:
     """Return where the sliders begin: at the rig that is offered first."""
+    limits = _ranges(rig)["pretension_mm"]
     return {
         "length_mm": round(1e3 * rig.silicone.length.value, 1),
         "outer_mm": round(1e3 * rig.silicone.diameter.value * 2) / 2,
         "tendon_circle_mm": round(1e3 * rig.tendons.head_radius.value * 2) / 2,
         "lever_g_m2": round(1e3 * rig.inertia.lever.value, 1),
-        "pretension_mm": 4.0,
+        "pretension_mm": min(max(4.0, limits.low), limits.high),
         "amplitude_deg": 20.0,
         "wanted_hz": 3.6,
     }
 
 
-def _values_of(kept: Any, built: Mapping[str, float]) -> list[dict[str, float]]:
+def _values_of(kept: Any, built: Mapping[str, float], ranges: Mapping[str, _Size]) -> list[dict[str, float]]:
     """Return the sliders' values of what a browser keeps, the present joint first, as far as they can be meant."""
     found = []
     for told in kept if isinstance(kept, list) else []:
         values = dict(built)
-        for key, size in _SIZES.items():
+        for key, size in ranges.items():
             number = told.get(key) if isinstance(told, dict) else None
             if isinstance(number, (int, float)) and size.low <= number <= size.high:
                 values[key] = float(number)
@@ -484,9 +577,9 @@ def _different(values: Mapping[str, float], built: Mapping[str, float]) -> str:
     return ", ".join(told) or "nothing"
 
 
-def _cell(tag: str, text: str, props: str = "") -> None:
+def _cell(tag: str, text: str, props: str = "") -> ui.label:
     with ui.element(tag).props(props):
-        ui.label(text)
+        return ui.label(text)
 
 
 def _sentences(found: dict[str, Any], fine: bool) -> Sequence[str]:
@@ -501,4 +594,4 @@ def _sentences(found: dict[str, Any], fine: bool) -> Sequence[str]:
     said.append(many if folds else "No fold: one motion at each frequency")
     worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
     how = f"Refined, to {worth}" if fine else f"A sketch while sliders move, right to {worth}"
-    return [*said, f"{how}; sinew predict --bands tells what the parameters leave open"]
+    return [*said, f"{how}; what the parameters leave open is not in it"]
