@@ -1,5 +1,6 @@
 """The pages in a real browser, without a bench: what a designer and a reader of past runs see and do."""
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -487,7 +488,11 @@ def test_a_suggested_pretension_goes_when_the_joint_it_was_for_does(opened: Open
     page.wait_for_selector("#sinew-peak")
     page.click("#sinew-suggest")
     page.wait_for_selector("#sinew-use", timeout=120_000)
-    assert " mm" in page.inner_text("#sinew-suggestion")
+    said = re.search(r"([\d.]+) mm makes", page.inner_text("#sinew-suggestion"))
+    assert said is not None
+    page.click("#sinew-use")
+    page.wait_for_function(f"document.querySelector('#sinew-number-pretension_mm').value === '{float(said[1]):g}'")
+    assert page.is_visible("#sinew-use")
     page.fill("#sinew-number-wanted_hz", "3.2")
     page.wait_for_selector("#sinew-use", state="hidden")
     assert page.inner_text("#sinew-suggestion") == ""

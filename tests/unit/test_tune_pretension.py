@@ -25,6 +25,11 @@ def tuned() -> Tuning:
     return tune_pretension(RIG, [1.0, 3.7, 9.0], SWING)
 
 
+def test_the_sentence_of_a_setting_names_the_limit_in_words(tuned: Tuning) -> None:
+    assert "used most" in tuned.settings[1].sentence
+    assert "_" not in tuned.settings[1].sentence
+
+
 def limited(rig: RigSpec, **limits: object) -> RigSpec:
     return rig.model_copy(update={"limits": rig.limits.model_copy(update=limits)})
 
