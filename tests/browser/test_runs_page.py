@@ -114,7 +114,7 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
     page = listed(opened, lab, "/runs?open=run-0002", take=True)
     page.wait_for_selector("[data-keep]")
     page.fill("[data-notes]", "a new tendon")
-    page.fill("[data-tags]", "tendon second")
+    page.fill("[data-tags]", "tendon, second")
     page.click("[data-keep]")
     page.wait_for_selector("text=notes and tags of run-0002 are kept")
     page.wait_for_selector(f"{ROWS}:has-text('tendon second')")
@@ -134,8 +134,11 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
 
 def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_asked(opened: Open, lab: Served) -> None:
     page = listed(opened, lab, take=True)
+    page.click("#sinew-bin")
+    page.wait_for_selector("text=No run is ticked")
     for name in ("run-0003", "run-0004"):
         page.click(f"[aria-label='choose {name}']")
+    page.wait_for_selector("text=No run is ticked", state="detached")
     page.fill("input[type=search]", "name:run-0004")
     await_found(page, "1 run found")
     page.click("#sinew-bin")
@@ -146,6 +149,7 @@ def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_as
     assert Path(lab.runs / "run-0004").exists()
     page.click("#sinew-bin")
     page.click("#sinew-bin-sure")
+    page.wait_for_selector("text=run-0004 lies in the bin; Restore, below, takes")
     page.wait_for_selector("[aria-label='Restore run-0004']")
     assert Path(lab.runs / "run-0003").exists()
     page.click("[aria-label='Restore run-0004']")
