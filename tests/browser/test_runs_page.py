@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from benchmarks.run_index import make_runs
 from tests.browser.dashboard import Served, findings, served
+from tests.unit.bench_journal import RIG_TEXT
+from tests.unit.dashboard_journal import PLAN
 
+from sinew.bench.record.journal import Journal
 from sinew.measure.files.netcdf import load_dataset, save_dataset
+from sinew.plan.toml import dump_plan
 
 pytestmark = pytest.mark.slow
 
@@ -85,6 +89,18 @@ def test_that_no_run_tells_anything_over_months_is_said(opened: Open, tmp_path: 
     with served(tmp_path / "runs") as lab:
         page = opened(lab, "/runs")
         page.wait_for_selector("[data-trend] >> text=No run of the list tells any of these")
+
+
+def test_why_a_run_has_no_damping_is_said_in_the_list_and_on_its_page(opened: Open, tmp_path: Path) -> None:
+    (tmp_path / "runs" / "bare").mkdir(parents=True)
+    plan = dump_plan(PLAN.model_copy(update={"ring_down": None}))
+    Journal.create(tmp_path / "runs" / "bare" / "journal.sqlite", plan, RIG_TEXT).close()
+    with served(tmp_path / "runs") as lab:
+        page = listed(opened, lab)
+        assert "no ring-downs" in page.inner_text(ROWS)
+        page.wait_for_selector("[data-trend] >> text=none is analysed yet, which opening one does")
+        page.goto(f"{lab.base}/runs?open=bare")
+        page.wait_for_selector("[data-note] >> text=D needs ring-downs, which its plan lacks")
 
 
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
