@@ -223,7 +223,7 @@ class _List:
             if not found:
                 empty(said)
                 return
-            ui.echart(_trend_options(found, self._quantity.value), renderer="svg").props(
+            ui.echart(trend_options(found, self._quantity.value), renderer="svg").props(
                 'role=img aria-label="Values of the runs over their dates; the sentences below sum it up"'
             )
             for one in found[:_MOST_OVERLAID]:
@@ -346,7 +346,7 @@ def _shown(found: list[dict[str, Any]]) -> str:
     return span(min(values), max(values))
 
 
-def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
+def trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """Return ECharts' options of values over dates, with lines and their 90 % bands."""
     curves = []
     for place, one in enumerate(found[:_MOST_OVERLAID]):
@@ -363,7 +363,8 @@ def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     options["xAxis"] = {**options["xAxis"], "type": "time", "axisLabel": {"color": "var(--soft)"}}
     at = [_MS_OF_A_DAY * day for one in found[:_MOST_OVERLAID] for day in one["days"]]
     if max(at) - min(at) < _MS_OF_A_DAY:  # so that its axis tells days, not milliseconds
-        options["xAxis"] |= {"min": min(at) - _MS_OF_A_DAY, "max": max(at) + _MS_OF_A_DAY, "minInterval": _MS_OF_A_DAY}
+        begin, end = min(at) - _MS_OF_A_DAY, max(at) + _MS_OF_A_DAY
+        options["xAxis"] |= {":min": f"() => {begin}", ":max": f"() => {end}", "minInterval": _MS_OF_A_DAY}
     options["yAxis"]["name"] = QUANTITIES[name].head()
     return options
 
