@@ -372,6 +372,16 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     assert page.inner_text("#sinew-plan-state").startswith("Unchanged")
 
 
+def test_the_reach_of_a_plan_goes_where_another_is_looked_at(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/plan")
+    page.wait_for_selector("text=You may start")
+    page.click(".sinew-table summary")
+    page.wait_for_selector(".sinew-table td")
+    edit_plan(page, r"periods = \d+", "periods = -3")
+    page.wait_for_selector(".sinew-table td", state="detached")
+    page.click("#sinew-plan-discard")
+
+
 def test_every_fault_of_a_list_stands_at_its_line(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")
@@ -379,7 +389,7 @@ def test_every_fault_of_a_list_stands_at_its_line(opened: Open, shown: Served) -
     said = page.locator(".sinew-fault-line:has-text('-4, 900') .sinew-fault").inner_text()
     assert "third entry: found -4" in said
     assert "asks for 900 Hz, the rig allows 10 Hz" in said
-    assert page.locator("#sinew-faults .sinew-bad").count() == 3
+    assert page.locator("#sinew-faults .sinew-bad").count() == 2
     edit_plan(page, "-4, 900", "900")
     page.wait_for_selector(".sinew-timeline")
     assert "asks for 900 Hz" in page.locator(".sinew-fault").inner_text()

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from benchmarks.run_index import make_runs
 from tests.browser.dashboard import Served, findings, served
+from tests.unit.bench_journal import RIG_TEXT
+from tests.unit.dashboard_journal import PLAN
 
+from sinew.bench.record.journal import Journal
 from sinew.measure.files.netcdf import load_dataset, save_dataset
+from sinew.plan.toml import dump_plan
 
 pytestmark = pytest.mark.slow
 
@@ -87,6 +91,18 @@ def test_that_no_run_tells_anything_over_months_is_said(opened: Open, tmp_path: 
         page.wait_for_selector("[data-trend] >> text=No run of the list tells any of these")
 
 
+def test_why_a_run_has_no_damping_is_said_in_the_list_and_on_its_page(opened: Open, tmp_path: Path) -> None:
+    (tmp_path / "runs" / "bare").mkdir(parents=True)
+    plan = dump_plan(PLAN.model_copy(update={"ring_down": None}))
+    Journal.create(tmp_path / "runs" / "bare" / "journal.sqlite", plan, RIG_TEXT).close()
+    with served(tmp_path / "runs") as lab:
+        page = listed(opened, lab)
+        assert "no ring-downs" in page.inner_text(ROWS)
+        page.wait_for_selector("[data-trend] >> text=none is analysed yet, which opening one does")
+        page.goto(f"{lab.base}/runs?open=bare")
+        page.wait_for_selector("[data-note] >> text=D needs ring-downs, which its plan lacks")
+
+
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
     page = listed(opened, lab)
     page.wait_for_selector(f"{ROWS}[tabindex='0']")
@@ -114,7 +130,7 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
     page = listed(opened, lab, "/runs?open=run-0002", take=True)
     page.wait_for_selector("[data-keep]")
     page.fill("[data-notes]", "a new tendon")
-    page.fill("[data-tags]", "tendon second")
+    page.fill("[data-tags]", "tendon, second")
     page.click("[data-keep]")
     page.wait_for_selector("text=notes and tags of run-0002 are kept")
     page.wait_for_selector(f"{ROWS}:has-text('tendon second')")
@@ -134,8 +150,11 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
 
 def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_asked(opened: Open, lab: Served) -> None:
     page = listed(opened, lab, take=True)
+    page.click("#sinew-bin")
+    page.wait_for_selector("text=No run is ticked")
     for name in ("run-0003", "run-0004"):
         page.click(f"[aria-label='choose {name}']")
+    page.wait_for_selector("text=No run is ticked", state="detached")
     page.fill("input[type=search]", "name:run-0004")
     await_found(page, "1 run found")
     page.click("#sinew-bin")
@@ -146,6 +165,7 @@ def test_what_a_search_hides_is_not_put_into_the_bin_and_the_rest_once_it_was_as
     assert Path(lab.runs / "run-0004").exists()
     page.click("#sinew-bin")
     page.click("#sinew-bin-sure")
+    page.wait_for_selector("text=run-0004 lies in the bin; Restore, below, takes")
     page.wait_for_selector("[aria-label='Restore run-0004']")
     assert Path(lab.runs / "run-0003").exists()
     page.click("[aria-label='Restore run-0004']")

@@ -15,7 +15,7 @@ from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import quantity
 from sinew.apps.dashboard.pages.plan import timeline_html
-from sinew.apps.dashboard.pages.runs import looks
+from sinew.apps.dashboard.pages.runs import looks, trend_options
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 
@@ -25,6 +25,15 @@ POINTS = Curve("points", [1, 2], [1.0, 2.0], [0.5, None], [1.5, None])
 
 def drawn(*curves: Curve, **more: Any) -> dict[str, Any]:
     return options_of("gain", curves, "frequency / Hz", **more)
+
+
+def test_a_trend_within_a_day_has_an_axis_of_days() -> None:
+    value = {"value": 3.0, "std": 0.1, "interval90": [2.9, 3.1]}
+    one = {"title": "f_r", "days": [20000.97], "values": [value], "line": None}
+    axis = trend_options([one], "resonance_hz")["xAxis"]
+    begin, end = (float(axis[key].removeprefix("() => ")) for key in (":min", ":max"))
+    assert begin < 20000.97 * 86_400_000 < end
+    assert end - begin >= 86_400_000
 
 
 def test_points_have_whiskers_where_they_have_an_interval() -> None:

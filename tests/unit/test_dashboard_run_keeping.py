@@ -63,7 +63,7 @@ def test_a_run_comes_back_from_the_bin_as_it_was(runs: Path) -> None:
 def test_two_runs_of_one_name_lie_side_by_side_in_the_bin(runs: Path) -> None:
     bin_run(runs, "old")
     run_folder(runs / "old", [0])
-    assert bin_run(runs, "old") == "the run old lies in the bin as old.2"
+    assert bin_run(runs, "old").startswith("the run old lies in the bin as old.2;")
     assert list_bin(runs) == ["old", "old.2"]
 
 
@@ -105,8 +105,11 @@ def test_the_longest_notes_are_read_whole(runs: Path, letter: str) -> None:
 
 @pytest.mark.parametrize("tags", [["two words"], ["<b>"], [""], [f"t{k}" for k in range(21)]])
 def test_tags_that_a_search_could_not_name_are_refused(runs: Path, tags: list[str]) -> None:
-    with pytest.raises(RefusedError, match="expected up to 20"):
-        note_run(runs, "old", "", tags)
+    note_run(runs, "old", "", ["aged"])
+    with pytest.raises(RefusedError, match="expected up to 20 tags, each of up to 40 letters"):
+        note_run(runs, "old", "the note", tags)
+    (row,) = list_runs(runs)
+    assert (row["notes"], row["tags"]) == ("the note", ["aged"])
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"notes": 1}', json.dumps({"notes": "x", "tags": 3})])

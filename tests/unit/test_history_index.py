@@ -17,6 +17,7 @@ from sinew.analysis import run_index as index_module
 from sinew.analysis.run_index import INDEX, Refreshed, RunIndex
 from sinew.apps.dashboard.work.runs import index_of, list_runs, read_run
 from sinew.measure.errors import FileError
+from sinew.measure.files.netcdf import load_dataset, save_dataset
 
 
 def folder_of(tmp_path: Path, *names: str) -> Path:
@@ -139,6 +140,17 @@ def test_a_folder_whose_name_is_no_text_is_left_out_and_counted(tmp_path: Path) 
     runs = folder_of(tmp_path, "a", os.fsdecode(b"caf\xe9"))
     with RunIndex(runs, look, Reader()) as opened:
         assert opened.refresh() == Refreshed(read=1, kept=0, gone=0, left=1)
+
+
+def test_a_run_is_found_by_a_pretension_at_which_nothing_could_be_determined(tmp_path: Path) -> None:
+    make_runs(tmp_path, 1)
+    (path,) = tmp_path.glob("*/results.nc")
+    results = load_dataset(path).load()
+    at = float(results["pretension_mm"][0])
+    bare = results.where(results["pretension_mm"] != at)
+    save_dataset(bare.assign_attrs(results.attrs), path)
+    (row,) = list_runs(tmp_path, f"pretension={at:g}")
+    assert row["found"] == [{"pretension_mm": at}]
 
 
 def test_what_was_found_at_a_pretension_that_is_no_number_is_left_out(tmp_path: Path) -> None:

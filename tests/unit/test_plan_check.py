@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sinew.analysis.sweep.resonance import find_peak
 from sinew.measure.errors import SpecError
 from sinew.plan.check import Preview, check_plan, drive_reach, drive_reaches, refuse_beyond_limits, stages_of
 from sinew.plan.plan import Plan
@@ -131,6 +132,19 @@ def test_the_guides_friction_shortens_the_settling_that_is_needed() -> None:
 def test_a_decay_of_few_periods_is_warned_of() -> None:
     preview = check_plan(plan_with(ring_down__record_s=1.0), RIG)
     assert "ring_down.record_s = 1 s holds 3.0 periods at 3 Hz" in sentences(preview, "warn")
+
+
+def test_frequencies_too_few_for_a_resonance_are_warned_of_in_the_words_of_the_analysis() -> None:
+    few, enough = (2.5, 3.2, 4.0), (2.5, 2.8, 3.2, 3.6, 4.0, 4.4)
+    unmeasured = find_peak(np.array(few), np.ones(3, dtype=complex), np.full(3, 0.01), np.full(3, 0.01))
+    assert unmeasured.reason in sentences(check_plan(plan_with(sweep__frequency_hz=few), RIG), "warn")
+    assert "resonance" not in sentences(check_plan(plan_with(sweep__frequency_hz=enough), RIG), "warn")
+
+
+def test_a_frequency_that_the_rig_forbids_is_no_reason_to_sample_faster() -> None:
+    told = check_plan(plan_with(sweep__frequency_hz=(3.0, 900.0)), RIG).refusals
+    assert [one for one in told if "900 Hz" in one and "the rig allows" in one]
+    assert not [one for one in told if "sample_hz" in one]
 
 
 def test_a_single_repeat_is_warned_of() -> None:

@@ -128,6 +128,7 @@ RIG_FAULTS = {
         "rig key limits.pretension_mm: the first number, 16, must be below the second, 0",
     ),
     "broken TOML": ("count = 4", "count == 4", "is not valid TOML"),
+    "a decimal comma": ("count = 4", "count = 4,25  # of them", "found 4,25, decimals take a point: 4.25"),
     "a word for a number": ("count = 4", "count = four  # of them", "found 'four' there"),
 }
 
@@ -325,7 +326,7 @@ def test_every_fault_of_a_list_is_told_with_what_stands_there() -> None:
 def test_a_limit_of_the_rig_is_told_at_its_line_beside_what_is_no_plan() -> None:
     text = PLACED.replace("[3, 4]", "[3, -4, 30, 900]").replace("8,", "99,")
     told = [(fault.line, fault.is_limit) for fault in plan_faults(text, load_rig("paper"))]
-    assert told == [(4, True), (6, False), (11, False), (11, True), (11, True)]
+    assert told == [(4, True), (6, False), (11, False), (11, True)]
 
 
 def test_a_fault_of_a_dotted_key_is_at_its_line() -> None:

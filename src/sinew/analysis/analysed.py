@@ -23,7 +23,7 @@ from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
 from sinew.analysis.sweep.coupling import analyse_coupling, coupling_rows
 from sinew.analysis.sweep.energy import estimate_energy
-from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, RESONANCES, estimate_resonance, read_resonances
+from sinew.analysis.sweep.resonance import RESONANCES, estimate_resonance, read_resonances
 from sinew.analysis.sweep.response import estimate_response, response_dataset
 from sinew.analysis.tracked import tracking_document, tracking_told
 from sinew.measure.arrays import mean_of_known
@@ -46,6 +46,7 @@ from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_part, load_recording, provenance
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
+from sinew.plan.plan import FEWEST_FREQUENCIES, too_few_frequencies
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
@@ -258,11 +259,7 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
             if energy is not None:
                 sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
         else:
-            count = response.frequency_hz.size
-            notes = (
-                f"too few frequencies for a resonance: found {count}, expected at least {FEWEST_FREQUENCIES}; "
-                "measure more"
-            )
+            notes = too_few_frequencies(response.frequency_hz.size)
         parts.append(sweep)
     if "ring-down" in kinds:
         try:

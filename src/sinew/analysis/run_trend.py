@@ -169,7 +169,7 @@ def _trend(
     name = f"{about.called[0]} at {number(pretension_mm)} mm"
     if line is None:
         count = f"{days.size} run{'s' if days.size != 1 else ''}"
-        sentence = f"{name}: {count}, too few for a line; {FEWEST_RUNS} of two days are needed."
+        sentence = f"{name}: {count}, too few for a line; at least {FEWEST_RUNS} runs on 2 days are needed."
     else:
         slope = line.slope.times(DAYS_OF_A_MONTH)
         changes = "rises" if slope.value > 0 else "falls"

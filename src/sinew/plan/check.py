@@ -10,7 +10,7 @@ import numpy as np
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
-from sinew.plan.plan import Plan, listed
+from sinew.plan.plan import FEWEST_FREQUENCIES, Plan, listed, too_few_frequencies
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
 
@@ -371,12 +371,13 @@ def setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
         if beyond := [hertz for hertz in frequencies if hertz > limits.drive_hz]:
             sentence = f"{part} asks for {listed(beyond)} Hz, the rig allows {limits.drive_hz:g} Hz; lower {key}"
             yield Finding("refuse", sentence, key)
-        if beyond := [hertz for hertz in frequencies if hertz * _SAMPLES_PER_PERIOD > plan.sample_hz * (1 + 1e-12)]:
+        sampled_hz = plan.sample_hz / _SAMPLES_PER_PERIOD * (1 + 1e-12)
+        if fast := [hertz for hertz in frequencies if sampled_hz < hertz <= limits.drive_hz]:
             yield Finding(
                 "refuse",
-                f"{part} asks for {listed(beyond)} Hz, a tenth of the Nyquist frequency is "
+                f"{part} asks for {listed(fast)} Hz, a tenth of the Nyquist frequency is "
                 f"{plan.sample_hz / _SAMPLES_PER_PERIOD:g} Hz; raise sample_hz to "
-                f"{max(beyond) * _SAMPLES_PER_PERIOD:g}",
+                f"{max(fast) * _SAMPLES_PER_PERIOD:g}",
                 key,
             )
     low, high = limits.voltage_v
@@ -587,7 +588,7 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
 
 
 def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iterator[Finding]:
-    """Yield what is short: settling against the damping, repeats against a spread, the decay against its period."""
+    """Yield what is short: settling against the damping, frequencies, repeats, the decay against its period."""
     if (sweep := plan.sweep) is not None:
         decay = _slowest_decay(rig, math.radians(sweep.amplitude_deg), min(tension_n, default=0.0))
         name = "settle_s" if sweep.settle == "fixed" else "settle_most_s"
@@ -602,6 +603,8 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
                 "warn",
                 f"sweep.{name} = {sweep.longest_settle_s:g} s may leave {left:.0%} of the start transient; {enough}",
             )
+        if len(sweep.frequency_hz) < FEWEST_FREQUENCIES:
+            yield Finding("warn", f"sweep has {too_few_frequencies(len(sweep.frequency_hz))} in sweep.frequency_hz")
         if sweep.repeats < 2:
             yield Finding("warn", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
     if (ring := plan.ring_down) is not None:

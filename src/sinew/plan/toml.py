@@ -538,11 +538,16 @@ _AT = re.compile(r"at line (\d+), column (\d+)")
 
 
 def _found_at(text: str, error: str) -> str:
-    """Return the word at which the parser gave up, with what a value may be; empty where it names no place."""
+    """Return the word at which the parser gave up, or what to write for a decimal comma; empty without a place."""
     if (at := _AT.search(error)) is None:
         return ""
     line = [*text.splitlines(), ""][min(int(at[1]) - 1, len(text.splitlines()))]
-    word = re.split(r"[\s,\]}#]", line[int(at[2]) - 1 :], maxsplit=1)[0][:40]
+    column = int(at[2]) - 1
+    decimal = re.search(r"-?\d+$", line[:column]), re.match(r",\d+(?=\s*(#|$))", line[column:])
+    if decimal[0] and decimal[1]:  # no list: there a comma is taken
+        whole, part = decimal[0][0], decimal[1][0]
+        return f"; found {whole}{part}, decimals take a point: {whole}.{part[1:]}"
+    word = re.split(r"[\s,\]}#]", line[column:], maxsplit=1)[0][:40]
     return f"; found {word!r} there" if word else ""
 
 

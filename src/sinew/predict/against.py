@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from sinew.analysis.signal.attitude import LeverMotion, measure_lever
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
-from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance
+from sinew.analysis.sweep.resonance import estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response
 from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.plan.plan import TendonMode
+from sinew.plan.plan import FEWEST_FREQUENCIES, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 from sinew.solve.branch import Prediction, Swept, sweep

@@ -21,6 +21,7 @@ from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, Complexes, Mask, mean_of_known, wrapped_lag
 from sinew.measure.estimate import Estimate
 from sinew.measure.schema import RESULT_VARIABLES, companions
+from sinew.plan.plan import FEWEST_FREQUENCIES, too_few_frequencies
 
 # ---- rational curve through a measured resonance, whose peak can be read off between the points
 
@@ -319,8 +320,6 @@ def fit_crest(frequency_hz: Array, gain: Array, relative_std: Array) -> Crest | 
     )
 
 
-FEWEST_FREQUENCIES = 6
-
 _WINDOW_GAIN = 0.55
 _WINDOW_POINTS = 8
 _WINDOW_REACH = 0.6
@@ -398,10 +397,7 @@ def find_peak(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     """
     f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
     if f.size < FEWEST_FREQUENCIES:
-        return Peak(
-            reason=f"too few frequencies for a resonance: found {f.size}, expected at least {FEWEST_FREQUENCIES}; "
-            "measure more"
-        )
+        return Peak(reason=too_few_frequencies(f.size))
     gain = np.abs(h)
     window = _window(f, gain / gain.max(), int(np.argmax(gain)))
     curve = fit_curve(f[window], h[window], size[window], angle[window])

@@ -5,6 +5,7 @@ import html
 import json
 import math
 import re
+import time
 from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
@@ -190,6 +191,7 @@ class _Desk:
             return
         self._mark(toml, outline.get("faults", []))
         self._preview.clear()
+        self._reach.draw([])  # what stood there was of another plan
         with self._preview:
             if "stages" not in outline:
                 self._say_faults(outline)
@@ -198,12 +200,17 @@ class _Desk:
                 return
             self._draw_timeline(outline["stages"])
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
-            ui.label("The twin swings through the plan once.").classes("sinew-soft")
-        self._offer(None, "The plan is tried on the twin: some seconds.")
+            self._count_seconds("The twin swings through the plan once")
+        self._offer(None, "The plan is tried on the twin: see Preview.")
         found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None, "The plan is refused: see Preview.")
+
+    def _count_seconds(self, said: str) -> None:
+        """Say what is under way, and for how long."""
+        label, began = ui.label(f"{said} …").classes("sinew-soft"), time.monotonic()
+        ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
     def _is_past(self, turn: int) -> bool:
         """Return whether something else was typed since, or the page was left."""

@@ -40,6 +40,11 @@ _DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"
 _MOST_OVERLAID, _MOST_ROWS, _MOST_POINTS = 24, 500, 400
 _MS_OF_A_DAY = 86_400_000
 _COMMAND_S = 30.0
+_HINT = "Tick one run to open it, or several to compare them; a click on a row opens it too."
+_NO_RING_DOWNS = "no ring-downs"
+_NEEDS_RING_DOWNS = (
+    "Lehr's damping D needs ring-downs, which its plan lacks: measure with a [ring_down], as the plan first has one"
+)
 
 
 def add_runs_pages(site: Site) -> None:
@@ -93,6 +98,8 @@ class _List:
     def __init__(self, site: Site, opened: list[str], search: str) -> None:
         self._site, self._opened, self._search = site, opened, search
         self._is_shown = False
+        self._unopened = 0  # of the listed runs: that were not analysed yet
+        self._count = 0
         self._offered: str | None = COMMON[0]  # the trend that is shown until somebody chooses one
 
     async def show(self) -> None:
@@ -103,14 +110,16 @@ class _List:
             self._field = ui.input("Search: words, f_r>3.2 pretension=6 tag:aged begin>=2026-03", value=self._search)
             self._field.props("outlined dense clearable type=search debounce=300 id=sinew-search maxlength=500")
             self._field.classes("w-full")
-            self._said = ui.label("The runs are listed.").props("role=status id=sinew-found").classes("sinew-soft")
+            self._said = (
+                ui.label("The runs are being listed …").props("role=status id=sinew-found").classes("sinew-soft")
+            )
             self._table = self._made_table()
             with ui.element("div").classes("sinew-row"):
                 button = ui.button("Open, or compare several", on_click=self._open_chosen)
                 button.props("id=sinew-open no-caps unelevated color=primary")
                 plain_button("Put into the bin", "sinew-bin", self._bin_chosen, needs_operator=True)
                 why_not()
-            self._hint = ui.label("Tick one run to open it, or several to compare them; a click on a row opens it too.")
+            self._hint = ui.label(_HINT)
             self._hint.props("role=status").classes("sinew-soft")
             ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
                 "sinew-soft"
@@ -142,13 +151,15 @@ class _List:
         table.add_slot(
             "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
         )
+        table.props("hide-no-data")  # until there is an answer
         table.add_slot("no-data", '<span class="sinew-empty">No run is found.</span>')
         table.on("rowClick", self._open_row)
+        table.on_select(lambda: self._hint.set_text(_HINT))
         return table
 
     async def _searched(self) -> None:
         self._search = self._field.value or ""
-        self._said.set_text("The runs are searched; what is listed was found before.")
+        self._said.set_text("The runs are being searched; what is listed was found before.")
         ui.run_javascript(f"history.replaceState(null, '', {json.dumps(_address(self._opened, self._search))})")
         await self.refresh()
 
@@ -167,6 +178,8 @@ class _List:
                 self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
                 rows = (row for run in found["runs"] for row in run["found"])
                 told |= {name for row in rows for name in COMMON if _is_told(row, name)}
+                self._count = len(found["runs"])
+                self._unopened = sum(not run["analysed"] for run in found["runs"])
                 opened = [row for row in self._table.rows if row["name"] in self._opened]
                 others = (row for row in self._table.selected if row["name"] not in self._opened)
                 self._table.selected = [*opened, *others]
@@ -174,6 +187,7 @@ class _List:
             self._said.set_text(str(trouble))
             self._said.classes("sinew-bad", remove="sinew-soft")
             return
+        self._table.props(remove="hide-no-data")
         if self._offered is not None:
             self._offered = next((name for name in COMMON if name in told), COMMON[0])
             self._quantity.set_value(self._offered)
@@ -200,10 +214,8 @@ class _List:
         except SinewError as trouble:
             found, said = [], str(trouble)
         else:
-            said = (
-                f"No run of the list tells {'any of these' if self._offered else _the(self._quantity.value)}: either "
-                "it was not opened yet, which has it analysed, or its plan does not determine it."
-            )
+            asked = "any of these" if self._offered else _the(self._quantity.value)
+            said = f"No run of the list tells {asked}{_why_untold(self._count, self._unopened)}."
         if self._trend.is_deleted:
             return
         self._trend.clear()
@@ -211,7 +223,7 @@ class _List:
             if not found:
                 empty(said)
                 return
-            ui.echart(_trend_options(found, self._quantity.value), renderer="svg").props(
+            ui.echart(trend_options(found, self._quantity.value), renderer="svg").props(
                 'role=img aria-label="Values of the runs over their dates; the sentences below sum it up"'
             )
             for one in found[:_MOST_OVERLAID]:
@@ -250,10 +262,15 @@ class _List:
         sure.delete()
         if not is_sure:
             return
+        put = []
         for name in names:
             if not await _command("bin", name=name):
                 break
+            put.append(name)
         self._table.selected = [row for row in self._table.selected if row["name"] not in names]
+        if put:
+            lies = "lies" if len(put) == 1 else "lie"
+            self._hint.set_text(f"{', '.join(put)} {lies} in the bin; Restore, below, takes a run out again.")
         await self.refresh()
 
     async def _restore(self, name: str) -> None:
@@ -295,9 +312,22 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
     row |= {"started": clock_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
     row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
+    if run.get("has_ring_downs") is False and not any("damping_ratio" in found for found in run["found"]):
+        row["damping_ratio"] = _NO_RING_DOWNS
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
     said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
     return row | {"tags": " ".join(run.get("tags") or []), "reason": said[:200]}
+
+
+def _why_untold(count: int, unopened: int) -> str:
+    """Return why none of so many runs tells a quantity, of which some were not analysed yet."""
+    if not count:
+        return ""
+    if not unopened:
+        return ": what they measured does not determine it; a run's page says why"
+    if unopened == count:
+        return ": none is analysed yet, which opening one does"
+    return f": {unopened} of {count} are not analysed yet, which opening one does, and the others do not determine it"
 
 
 def _is_told(row: dict[str, Any], quantity: str) -> bool:
@@ -316,7 +346,7 @@ def _shown(found: list[dict[str, Any]]) -> str:
     return span(min(values), max(values))
 
 
-def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
+def trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """Return ECharts' options of values over dates, with lines and their 90 % bands."""
     curves = []
     for place, one in enumerate(found[:_MOST_OVERLAID]):
@@ -331,6 +361,10 @@ def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
             )
     options = options_of("gain", curves, "")
     options["xAxis"] = {**options["xAxis"], "type": "time", "axisLabel": {"color": "var(--soft)"}}
+    at = [_MS_OF_A_DAY * day for one in found[:_MOST_OVERLAID] for day in one["days"]]
+    if max(at) - min(at) < _MS_OF_A_DAY:  # so that its axis tells days, not milliseconds
+        begin, end = min(at) - _MS_OF_A_DAY, max(at) + _MS_OF_A_DAY
+        options["xAxis"] |= {":min": f"() => {begin}", ":max": f"() => {end}", "minInterval": _MS_OF_A_DAY}
     options["yAxis"]["name"] = QUANTITIES[name].head()
     return options
 
@@ -342,8 +376,9 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
         return
     place = ui.element("div").classes("w-full")
     with place:
-        ui.spinner(size="2rem").props('aria-label="The runs are analysed"')
-        ui.label("The runs are analysed; the first time takes some seconds.").classes("sinew-soft")
+        said = "The run is being analysed" if len(names) == 1 else "The runs are being analysed"
+        ui.spinner(size="2rem").props(f'aria-label="{said}"')
+        ui.label(f"{said} …; the first time takes some seconds.").classes("sinew-soft")
     await ui.context.client.connected()
     found: list[tuple[str, dict[str, Any]]] = []
     for name in names:
@@ -368,7 +403,7 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
         charts = _curves(found)
         verdict = ui.element("div").classes("span-12")
         _compared(names[0], compared)
-        _numbers(found)
+        _numbers(found, [name for name in about if about[name]["has_ring_downs"] is False])
         for name, results in found:
             _coupling(name, results.get("document") or {})
         for name, _ in found:
@@ -384,11 +419,16 @@ async def _foretell(
     site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], place: ui.element
 ) -> None:
     """Draw what was to be expected of a run behind what it measured, and say what misses it."""
+    with place, card("Measured against predicted", 12):
+        ui.label("The prediction is being computed …").props("role=status").classes("sinew-soft")
     try:
         found = await site.work.call("prediction_of_run", str(site.runs / name))
     except SinewError:
-        return  # a recording from elsewhere: nobody knows its rig and plan
-    if place.is_deleted or not found["curves"]:
+        found = {"curves": []}  # a recording from elsewhere: nobody knows its rig and plan
+    if place.is_deleted:
+        return
+    place.clear()
+    if not found["curves"]:
         return
     predicted = numbered(found["curves"], found["plan"])
     measured = judged(predicted, numbered(results["curves"], found["plan"]))
@@ -410,7 +450,9 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
             ui.navigate.to(_address([to.value]))
 
     async def note() -> None:
-        if await _command("note", name=name, notes=notes.value or "", tags=(tags.value or "").split()):
+        if await _command(
+            "note", name=name, notes=notes.value or "", tags=(tags.value or "").replace(",", " ").split()
+        ):
             await changed()
 
     async def put_away() -> None:
@@ -424,7 +466,9 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
             plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
         notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
         notes.classes("w-full")
-        tags = ui.input("Tags, with spaces between", value=" ".join(run["tags"])).props("outlined dense data-tags")
+        tags = ui.input("Tags, with spaces or commas between", value=" ".join(run["tags"])).props(
+            "outlined dense data-tags"
+        )
         tags.classes("w-full")
         with ui.element("div").classes("sinew-row"):
             plain_button("Keep notes and tags", "", note, needs_operator=True).props("data-keep")
@@ -507,12 +551,13 @@ def _curves(found: list[tuple[str, dict[str, Any]]]) -> dict[str, Curves]:
     return charts
 
 
-def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
+def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> None:
+    """Show what runs found, and what is said of that. undamped: runs whose plans have no ring-downs."""
     rows = [{"run": name, **row} for name, results in found for row in results.get("parameters", [])]
     notes = [
         f"{name}: {note}" if len(found) > 1 else begun(note)
         for name, results in found
-        for text in results.get("notes", [])
+        for text in [*results.get("notes", []), *([_NEEDS_RING_DOWNS] if name in undamped else [])]
         for note in text.splitlines()
     ]
     if not rows and not notes:

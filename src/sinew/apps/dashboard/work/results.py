@@ -143,13 +143,14 @@ def _attributes(folder: Path) -> "xr.Dataset":
 def read_found(folder: Path) -> dict[str, Any]:
     """Return what the results in a run's folder say, as the index of runs keeps it: see `work.runs.read_run`.
 
-    `found`, `analysed`, `remark`; `source`, `rig`, `plan` and, where the recording says it, `started`.
+    `found` where they are of this recording, `analysed`, `remark`; `source`, `rig`, `plan` and, where the recording
+    says it, `started`.
     Raises FileError where recording or results are damaged.
     """
     from sinew.analysis.analysed import figures_document
 
     about = _attributes(folder).attrs if (folder / RECORDING).exists() else {}
-    told: dict[str, Any] = {"found": [], "analysed": False, "remark": "not analysed yet"}
+    told: dict[str, Any] = {"analysed": False, "remark": "not analysed yet"}
     if (folder / RESULTS).exists():
         with held_inside(folder.parent, folder / RESULTS) as path:
             document, results = figures_document(path)
@@ -168,7 +169,9 @@ def read_found(folder: Path) -> dict[str, Any]:
 
 def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, Any]]:
     """Return what results say at each pretension, in increasing order, of what the index keeps."""
-    rows: dict[float, dict[str, Any]] = {}
+    measured = results["pretension_mm"].values.ravel().tolist() if "pretension_mm" in results else []
+    # Also one at which nothing could be determined: a search finds what was measured there.
+    rows: dict[float, dict[str, Any]] = {mm: {"pretension_mm": mm} for mm in measured if math.isfinite(mm)}
     for row in _parameters(document, results):
         if row["quantity"] in QUANTITIES:
             at = rows.setdefault(row["pretension_mm"], {"pretension_mm": row["pretension_mm"]})

@@ -134,9 +134,9 @@ def run_summary(folder: Path | str) -> dict[str, Any]:
     """Return what a run's folder holds, without what it found.
 
     `name` of the folder; `started` (ISO 8601), `duration_s`, `rig` and `plan` (names), `pretensions_mm`, `groups_done`,
-    `groups` (of the plan): None where not known; `state`: running, complete, stopped, damaged, or recording where there
-    is no journal; `sentence` on the state; `source`: bench, emulator, twin, import or None; `notes` and `tags`; `bytes`
-    on the disk. Raises FileError where there is no run.
+    `groups`, `has_ring_downs` (of the plan): None where not known; `state`: running, complete, stopped, damaged, or
+    recording where there is no journal; `sentence` on the state; `source`: bench, emulator, twin, import or None;
+    `notes` and `tags`; `bytes` on the disk. Raises FileError where there is no run.
     """
     folder = Path(folder)
     stamp = _stamp(folder)
@@ -159,7 +159,9 @@ def read_run(folder: Path | str) -> dict[str, Any]:
     which `results.nc` says, and no samples.
     """
     folder = Path(folder)
-    row = run_summary(folder) | {"found": [], "analysed": False, "remark": ""}
+    row = run_summary(folder)
+    planned = row["pretensions_mm"] if row["state"] == "complete" else []
+    row |= {"found": [{"pretension_mm": mm} for mm in planned], "analysed": False, "remark": ""}
     if row["state"] in ("damaged", "running"):
         return row
     from sinew.apps.dashboard.work.results import read_found
@@ -204,6 +206,7 @@ def _unread(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
         "pretensions_mm": [],
         "groups_done": None,
         "groups": None,
+        "has_ring_downs": None,
         "state": "recording",
         "sentence": "A recording without a journal." if RECORDING in stamp else "Results without a recording.",
         "source": None,
@@ -232,6 +235,7 @@ def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
         "pretensions_mm": list(plan.pretension.pretension_mm),
         "groups_done": journal.finished,
         "groups": groups,
+        "has_ring_downs": plan.ring_down is not None,
         "state": "complete" if is_complete else "stopped",
         "sentence": "Every group of the plan is recorded." if is_complete else _why(last, plan),
     }
@@ -258,8 +262,8 @@ def name_in(text: str) -> str | None:
 BIN = ".bin"
 """Folder in that of the runs for those that were put away."""
 
-_MOST_NOTES, _MOST_TAGS = 4000, 20
-_TAG = re.compile(r"[\w.+-]{1,40}")
+_MOST_NOTES, _MOST_TAGS, _MOST_TAG = 4000, 20, 40
+_TAG = re.compile(rf"[\w.+-]{{1,{_MOST_TAG}}}")
 _MOST_NOTES_BYTES = 8 * _MOST_NOTES  # as JSON: a sign of notes takes up to 6, all tags with their quotes up to 3500
 
 
@@ -278,7 +282,8 @@ def bin_run(runs: Path, name: str) -> str:
     folder, place = _ended(runs, name), _bin(runs)
     kept = _free_name(place, name)
     _move(folder, place / kept)
-    return f"the run {name} lies in the bin" + (f" as {kept}" if kept != name else "")
+    said = f" as {kept}" if kept != name else ""
+    return f"the run {name} lies in the bin{said}; Restore, below the list of runs, takes it out again"
 
 
 def _free_name(place: Path, name: str) -> str:
@@ -300,6 +305,7 @@ def restore_run(runs: Path, name: str) -> str:
 def note_run(runs: Path, name: str, notes: str, tags: list[str]) -> str:
     """Write down notes and tags of a run, which take the place of those before, and return a sentence.
 
+    Where a tag is refused, the notes are written all the same, with the tags before.
     They lie in notes.json in the run's folder and travel with it. Raises RefusedError.
     """
     folder = _own(runs, name)
@@ -307,13 +313,18 @@ def note_run(runs: Path, name: str, notes: str, tags: list[str]) -> str:
         raise RefusedError(422, f"found notes of {len(notes)} characters, expected at most {_MOST_NOTES}")
     tags = list(dict.fromkeys(tags))
     bad = next((tag for tag in tags if not _TAG.fullmatch(tag)), None)
-    if bad is not None or len(tags) > _MOST_TAGS:
-        found = f"the tag {bad[:50]!r}" if bad is not None else f"{len(tags)} tags"
-        raise RefusedError(422, f"found {found}, expected up to {_MOST_TAGS} of letters, digits, '.', '_', '+' or '-'")
+    is_refused = bad is not None or len(tags) > _MOST_TAGS
+    kept = {"notes": notes, "tags": _noted(folder)["tags"] if is_refused else tags}
     try:
-        write_text(folder / NOTES, json.dumps({"notes": notes, "tags": tags}, ensure_ascii=False, indent=2) + "\n")
+        write_text(folder / NOTES, json.dumps(kept, ensure_ascii=False, indent=2) + "\n")
     except SinewError as trouble:
         raise RefusedError(409, str(trouble)) from trouble
+    if is_refused:
+        found = f"the tag {bad[:50]!r}" if bad is not None else f"{len(tags)} tags"
+        each = f"each of up to {_MOST_TAG} letters, digits, '.', '_', '+' or '-'"
+        raise RefusedError(
+            422, f"found {found}, expected up to {_MOST_TAGS} tags, {each}; the notes are kept, the tags are as before"
+        )
     return f"notes and tags of {name} are kept"
 
 
