@@ -127,12 +127,30 @@ def test_values_are_grey_while_the_pages_server_is_lost_and_the_stop_stands(
     watch(page)
     stage.kill_pages()
     page.wait_for_selector("#sinew-notice-lost")
+    assert "the emergency stop works" in page.inner_text("#sinew-notice-lost")
     page.wait_for_function("document.body.dataset.stale === 'true'")
     assert is_uncovered(page)
     assert findings(page) == []
     page.keyboard.press("F9")
     page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
     stage.until("over")
+    until(lambda: stage.steward.page_state == "up")
+
+
+def test_no_notice_says_that_the_stop_works_while_steering_does_not_answer(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = in_control(opened, stage, complain=False)
+    stage.begin(name)
+    watch(page)
+    page.wait_for_selector("#sinew-stop:not([disabled])")
+    page.route(f"**:{stage.steward.settings.steering_port}/**", lambda route: route.abort())
+    stage.kill_pages()
+    page.wait_for_selector("#sinew-notice-unreachable")
+    page.wait_for_function("document.body.dataset.pages === 'lost'")
+    page.wait_for_function("!document.getElementById('sinew-notices').textContent.includes('stop works')")
+    assert "does not reach the bench" in page.inner_text("#sinew-notices")
+    assert page.locator("#sinew-buttons button:not([disabled])").count() == 0
     until(lambda: stage.steward.page_state == "up")
 
 

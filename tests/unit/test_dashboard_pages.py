@@ -16,6 +16,7 @@ from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summa
 from sinew.apps.dashboard.pages.frame import quantity
 from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks
+from sinew.apps.dashboard.worker import TooSlowError
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 
@@ -296,6 +297,27 @@ def test_what_cannot_be_computed_is_kept_as_a_sentence() -> None:
     asyncio.run(followed(results, lambda: results.trouble))
     assert "no such thing" in results.trouble
     assert json.dumps(results.measured) == "[]"
+
+
+def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> None:
+    class Busy(FakeWork):
+        is_busy = True
+
+        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
+            if name == "measured_so_far" and self.is_busy:
+                self.is_busy = False
+                raise TooSlowError("this took more than 60 s")
+            return await super().call(name, *arguments, key=key)
+
+    results, told = results_with(Busy()), set()
+
+    def has_measured() -> bool:
+        told.add(results.trouble)
+        return bool(results.measured)
+
+    asyncio.run(followed(results, has_measured))
+    assert any("too busy" in one and "again" in one for one in told)
+    assert results.trouble == ""
 
 
 def test_what_a_file_says_in_place_of_a_number_does_not_get_into_a_chart() -> None:

@@ -208,7 +208,7 @@ def _verdict(results: Results) -> str:
     """Return how measured and predicted compare, or what is waited for."""
     if results.predicted:
         return tally(results.measured) or "Nothing is measured yet; the lines are the prediction."
-    if results.trouble or results.remark:
+    if results.remark:
         return "There is no prediction to hold this run against."
     return "The prediction is being computed." if results.is_predicting else _NOT_YET
 
