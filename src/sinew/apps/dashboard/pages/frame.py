@@ -141,7 +141,7 @@ def live_card(title: str, span: int) -> Iterator[ui.element]:
     with ui.element("section").classes(f"sinew-card sinew-live span-{span}") as made:
         with ui.element("div").classes("sinew-row"):
             ui.label(title).props("role=heading aria-level=2").classes("text-bold")
-            ui.html('<span class="sinew-age"></span>', sanitize=False)
+            ui.html('<span class="sinew-last"></span><span class="sinew-age"></span>', sanitize=False)
         yield made
 
 
