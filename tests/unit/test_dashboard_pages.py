@@ -2,7 +2,9 @@
 
 import asyncio
 import json
+import re
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,11 @@ import pytest
 from tests.patience import Patience
 from tests.unit.bench_journal import RIG_TEXT
 
+from sinew.analysis.run_index import parse_query
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
-from sinew.apps.dashboard.pages.frame import quantity
+from sinew.apps.dashboard.pages.frame import _HELP, quantity
 from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks
 from sinew.apps.dashboard.worker import TooSlowError
@@ -318,6 +321,13 @@ def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> Non
     asyncio.run(followed(results, has_measured))
     assert any("too busy" in one and "again" in one for one in told)
     assert results.trouble == ""
+
+
+def test_every_search_that_help_shows_is_understood() -> None:
+    section = _HELP.split("Search of Runs")[1].split("</dl>")[0]
+    for shown in re.findall("<dt>(.*?)</dt>", section):
+        query = parse_query(unescape(shown).replace(",", ""))
+        assert query.runs or query.found
 
 
 def test_what_a_file_says_in_place_of_a_number_does_not_get_into_a_chart() -> None:
