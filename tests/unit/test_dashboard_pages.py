@@ -312,7 +312,8 @@ def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> Non
                 raise TooSlowError("this took more than 60 s")
             return await super().call(name, *arguments, key=key)
 
-    results, told = results_with(Busy()), set()
+    results = results_with(Busy())
+    told: set[str] = set()
 
     def has_measured() -> bool:
         told.add(results.trouble)

@@ -188,7 +188,8 @@ _HELP = """
 grows.</li>
 <li><b>Open its results</b> leads to what it found; <a href="/runs">Runs</a> has all runs, their trend, what tells them
 apart.</li>
-<li><a href="/design">Design</a> needs no bench: sliders change a joint, and its predicted curve follows.</li></ol></div>
+<li><a href="/design">Design</a> needs no bench: sliders change a joint, and its predicted curve follows.</li>
+</ol></div>
 <div class="sinew-card"><h2>Buttons</h2><dl class="sinew-words">
 <dt>Pause, Resume</dt><dd>rests after the group under way, the tension stays; goes on with the next group</dd>
 <dt>End run</dt><dd>ends it now, in the state that the rig declares safe; it can be gone on with later</dd>

@@ -295,7 +295,7 @@ function tell(run, state, last, mine) {
   } else notice("emergency");
   notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
     { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves, unless Plan did so: some seconds."] });
-  notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
+  notice("silent", state === "silent" && reachable !== false ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
   if (config.here !== "/" || run || !last) { notice("ended"); }
   else {
