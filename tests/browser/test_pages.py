@@ -354,6 +354,10 @@ def test_what_is_wrong_with_a_plan_is_told_and_nothing_can_start(
     assert page.locator("#sinew-start").is_disabled()
 
 
+def _foot(box: dict[str, float]) -> float:
+    return box["y"] + box["height"]
+
+
 def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")
@@ -361,6 +365,9 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     marked = page.locator(".sinew-fault-line")
     assert "periods = -3" in marked.inner_text()
     assert "found -3" in marked.locator(".sinew-fault").inner_text()
+    editor, fault = (page.locator(one).bounding_box() for one in (".sinew-editor", ".sinew-fault"))
+    assert fault["x"] + fault["width"] <= editor["x"] + editor["width"]
+    assert _foot(fault) == pytest.approx(_foot(marked.bounding_box()), abs=2)
     assert findings(page) == []
     page.goto(shown.base + "/runs")
     page.goto(shown.base + "/plan")

@@ -99,6 +99,8 @@ def test_after_the_end_values_are_grey_and_say_how_old_they_are(opened: Open, st
     page.wait_for_function("/^[3-9] s ago$/.test(document.querySelector('.sinew-age').textContent)")
     assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 5
     assert "grayscale(1)" in page.evaluate("getComputedStyle(document.getElementById('sinew-scope')).filter")
+    assert "gradient" in page.evaluate("getComputedStyle(document.querySelector('.sinew-live')).backgroundImage")
+    assert page.inner_text("section:has(#sinew-tension) .sinew-last") == "last sample, before the release"
 
 
 def test_a_page_that_is_opened_later_shows_the_last_run_as_old(opened: Open, stage: Stage, name: str) -> None:
@@ -127,12 +129,30 @@ def test_values_are_grey_while_the_pages_server_is_lost_and_the_stop_stands(
     watch(page)
     stage.kill_pages()
     page.wait_for_selector("#sinew-notice-lost")
+    assert "the emergency stop works" in page.inner_text("#sinew-notice-lost")
     page.wait_for_function("document.body.dataset.stale === 'true'")
     assert is_uncovered(page)
     assert findings(page) == []
     page.keyboard.press("F9")
     page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
     stage.until("over")
+    until(lambda: stage.steward.page_state == "up")
+
+
+def test_no_notice_says_that_the_stop_works_while_steering_does_not_answer(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = in_control(opened, stage, complain=False)
+    stage.begin(name)
+    watch(page)
+    page.wait_for_selector("#sinew-stop:not([disabled])")
+    page.route(f"**:{stage.steward.settings.steering_port}/**", lambda route: route.abort())
+    stage.kill_pages()
+    page.wait_for_selector("#sinew-notice-unreachable")
+    page.wait_for_function("document.body.dataset.pages === 'lost'")
+    page.wait_for_function("!document.getElementById('sinew-notices').textContent.includes('stop works')")
+    assert "does not reach the bench" in page.inner_text("#sinew-notices")
+    assert page.locator("#sinew-buttons button:not([disabled])").count() == 0
     until(lambda: stage.steward.page_state == "up")
 
 
@@ -593,6 +613,44 @@ def test_what_happened_has_times_and_severity_and_is_filtered(opened: Open, stag
     page.wait_for_selector("#sinew-log li.bad")
     assert "■ Stop" in page.locator("#sinew-log li").first.inner_text()
     assert page.locator("#sinew-log li").count() == 2
+
+
+@pytest.mark.parametrize("size", [(1280, 800), SIZES["phone"]])
+def test_the_curve_stands_in_the_first_screen_of_a_desk_and_after_its_run_on_a_phone(
+    opened: Open, stage: Stage, name: str, size: tuple[int, int]
+) -> None:
+    page = opened(stage, size=size)
+    stage.begin(name)
+    watch(page)
+    found = [page.locator(f".sinew-grid > section:has({one})") for one in ("#sinew-run", ".nicegui-echart")]
+    page.wait_for_selector("#sinew-notice-begins", state="detached")
+    run, curve = (one.first.bounding_box() for one in found)
+    if size == SIZES["phone"]:
+        assert run["y"] < curve["y"] < page.locator("#sinew-joint").bounding_box()["y"]
+    else:
+        assert curve["y"] + curve["height"] <= size[1]
+
+
+def test_an_emergency_stop_is_among_what_happened_before_the_run_tells_of_it(opened: Open, stage: Stage) -> None:
+    page = opened(stage)
+    told = page.evaluate(
+        """async (rig) => {
+          const { take } = await import("/sinew/alarms.js");
+          const steward = { time_s: 20, stopping: true, run: { name: "one", started: 5 }, last: null, emergency: null };
+          const read = (steward, events = []) => {
+            take({ live: { name: "one", events }, steward }, false, rig);
+            return [...document.querySelectorAll("#sinew-log .sinew-told")].map((row) => row.textContent);
+          };
+          const emergency = { at: 20, was_emergency: true, sentence: "all motors stand" };
+          return [read(steward), read({ ...steward, stopping: false, emergency }),
+            read({ ...steward, stopping: false, emergency }, [[1, "stop", "stopped by F9", 20, 15]])];
+        }""",
+        {
+            "name": "a rig",
+            "alarms": {key: {"limit": 9, "rig": 10} for key in ("temperature", "tension", "tilt", "missed")},
+        },
+    )
+    assert told == [["Emergency stop"], ["Emergency stop: all motors stand"], ["stopped by F9"]]
 
 
 def test_the_prediction_is_there_before_the_first_point_and_misses_are_told(

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
+import re
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,14 @@ import pytest
 from tests.patience import Patience
 from tests.unit.bench_journal import RIG_TEXT
 
+from sinew.analysis.run_index import parse_query
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
-from sinew.apps.dashboard.pages.frame import quantity
+from sinew.apps.dashboard.pages.frame import _HELP, quantity
 from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks, trend_options
+from sinew.apps.dashboard.worker import TooSlowError
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 
@@ -305,6 +309,35 @@ def test_what_cannot_be_computed_is_kept_as_a_sentence() -> None:
     asyncio.run(followed(results, lambda: results.trouble))
     assert "no such thing" in results.trouble
     assert json.dumps(results.measured) == "[]"
+
+
+def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> None:
+    class Busy(FakeWork):
+        is_busy = True
+
+        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
+            if name == "measured_so_far" and self.is_busy:
+                self.is_busy = False
+                raise TooSlowError("this took more than 60 s")
+            return await super().call(name, *arguments, key=key)
+
+    results = results_with(Busy())
+    told: set[str] = set()
+
+    def has_measured() -> bool:
+        told.add(results.trouble)
+        return bool(results.measured)
+
+    asyncio.run(followed(results, has_measured))
+    assert any("too busy" in one and "again" in one for one in told)
+    assert results.trouble == ""
+
+
+def test_every_search_that_help_shows_is_understood() -> None:
+    section = _HELP.split("Search of Runs")[1].split("</dl>")[0]
+    for shown in re.findall("<dt>(.*?)</dt>", section):
+        query = parse_query(unescape(shown).replace(",", ""))
+        assert query.runs or query.found
 
 
 def test_what_a_file_says_in_place_of_a_number_does_not_get_into_a_chart() -> None:

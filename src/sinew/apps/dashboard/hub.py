@@ -35,7 +35,7 @@ from sinew.apps.dashboard.work.samples import (
     dumped,
     thin,
 )
-from sinew.apps.dashboard.worker import Work
+from sinew.apps.dashboard.worker import TooSlowError, Work
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
@@ -282,6 +282,10 @@ class Hub:
 _LOOK_S = 0.5
 _DRAWS = 40
 _POINTS = "Points: mean and 90 % interval, over the repeats, or where there is one over its periods."
+_BUSY = (
+    "The computer is too busy to judge points while this run goes on; it is tried again and again. When the run is "
+    "over, Open its results has the whole curve."
+)
 _BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
 _COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
@@ -363,7 +367,8 @@ class Results:
             try:
                 found = await self.work.call("prediction_for_plan", plan_toml, rig_toml, draws)
             except SinewError as trouble:
-                self._complain(f"There is no prediction: {trouble}")
+                self.remark = f"There is no {'band of the ' if self.predicted else ''}prediction: {trouble}"
+                self.version += 1
                 return
             self.predicted = numbered(found["curves"], plan_toml)
             self.measured = judged(self.predicted, self.measured)
@@ -384,10 +389,12 @@ class Results:
             try:
                 found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
             except SinewError as trouble:
-                self._complain(f"What was measured cannot be analysed: {trouble}")
+                is_slow = isinstance(trouble, TooSlowError)
+                self._complain(_BUSY if is_slow else f"What was measured cannot be analysed: {trouble}")
                 return False
             self.measured = judged(self.predicted, numbered(found["curves"], live.plan_toml))
             self.damping, self.notes, pending = found["damping"], found["notes"], found["pending"]
+            self.trouble = ""
             self.version += 1
         return True
 

@@ -36,6 +36,10 @@ class WorkerError(SinewError):
     """What was asked could not be computed: it took too long, or its process ended."""
 
 
+class TooSlowError(WorkerError):
+    """What was asked took too long: the computer is busy, or it was much at once."""
+
+
 class Call(NamedTuple):
     """A function that can be called.
 
@@ -118,12 +122,10 @@ def _run(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
     except SinewError:
         raise
     except MemoryError:
-        raise WorkerError(f"{name} takes more memory than a page may have; use the command line for it") from None
+        raise WorkerError("this takes more memory than a page may have; use the command line for it") from None
     except Exception as error:  # a page shows a sentence, the log the rest
         traceback.print_exc(file=sys.stderr)
-        raise WorkerError(
-            f"{name} failed ({type(error).__name__}: {error}); this is a fault of Sinew, see the log"
-        ) from None
+        raise WorkerError(f"this failed ({type(error).__name__}: {error}), a fault of Sinew; see the log") from None
 
 
 @dataclass(eq=False)
@@ -155,11 +157,11 @@ class _Place:
                 with suppress(BrokenProcessPool):
                     return await asyncio.wait_for(asyncio.wrap_future(self._submit(request)), most_s)
                 self.end()
-            raise WorkerError(f"the process of {request.name} ended twice, perhaps for want of memory")
+            raise WorkerError("the process that computes this ended twice, perhaps for want of memory")
         except TimeoutError:
             self.end()
-            raise WorkerError(
-                f"{request.name} took more than {most_s:g} s and was ended; ask for less at once"
+            raise TooSlowError(
+                f"this took more than {most_s:g} s and was ended; the computer may be too busy"
             ) from None
         except asyncio.CancelledError:
             self.end()

@@ -141,7 +141,7 @@ def live_card(title: str, span: int) -> Iterator[ui.element]:
     with ui.element("section").classes(f"sinew-card sinew-live span-{span}") as made:
         with ui.element("div").classes("sinew-row"):
             ui.label(title).props("role=heading aria-level=2").classes("text-bold")
-            ui.html('<span class="sinew-age"></span>', sanitize=False)
+            ui.html('<span class="sinew-last"></span><span class="sinew-age"></span>', sanitize=False)
         yield made
 
 
@@ -187,13 +187,16 @@ _HELP = """
 <li><a href="/">Live</a> shows it: some seconds to get ready, then the bench pulls, swings and records; the curve
 grows.</li>
 <li><b>Open its results</b> leads to what it found; <a href="/runs">Runs</a> has all runs, their trend, what tells them
-apart.</li></ol></div>
+apart.</li>
+<li><a href="/design">Design</a> needs no bench: sliders change a joint, and its predicted curve follows.</li>
+</ol></div>
 <div class="sinew-card"><h2>Buttons</h2><dl class="sinew-words">
 <dt>Pause, Resume</dt><dd>rests after the group under way, the tension stays; goes on with the next group</dd>
 <dt>End run</dt><dd>ends it now, in the state that the rig declares safe; it can be gone on with later</dd>
 <dt>Hold</dt><dd>ends the run; every motor stands still with limited output, and the tension stays</dd>
 <dt>Release</dt><dd>ends the run; the tension is let down and the torque taken off</dd>
-<dt>Emergency stop</dt><dd>F9, or Escape twice: all motors stand at once. It is on every page and needs no reset</dd>
+<dt>Emergency stop</dt><dd>F9, or Escape twice: all motors stand at once; then comes the state that the rig declares
+safe, hold or release, as Live says it. It is on every page and needs no reset</dd>
 <dt>Take over</dt><dd>steers from here when another page, perhaps an older window of yours, is in control</dd>
 </dl></div>
 <div class="sinew-card"><h2>Words</h2><dl class="sinew-words">
@@ -202,11 +205,20 @@ equations</dd>
 <dt>lever θ, torsion φ</dt><dd>how far the drive turns the lever against the head, the head twists against the base</dd>
 <dt>pretension</dt><dd>by how much all tendons are shortened after first contact, where they are just taut</dd>
 <dt>gain, f_r</dt><dd>torsion over the commanded angle of the lever; the frequency at which it is largest</dd>
+<dt>half-power width</dt><dd>from where the gain is a 1/√2 of its largest below resonance to the same above: the wider,
+the more damped</dd>
+<dt>fold</dt><dd>where a curve turns back: between two folds a sweep up and one down find different swings</dd>
 <dt>phase lag</dt><dd>by how much the torsion comes after the lever: 90° at resonance</dd>
 <dt>damping D</dt><dd>Lehr's: at 0.07 a free swing falls to about a quarter within three periods</dd>
 <dt>group</dt><dd>what is recorded at one setting: a rest, a swing at one frequency, a free decay</dd>
 <dt>settling</dt><dd>the bench drives and waits until the swing is steady; then it records</dd>
 <dt>tilt</dt><dd>by how much the head plate leans away from its pose</dd></dl></div>
+<div class="sinew-card"><h2>Search of Runs</h2><dl class="sinew-words">
+<dt>aged -first</dt><dd>words that must be there; with - before them, that must not</dd>
+<dt>f_r&gt;3.2, D&lt;=0.1, f_r=3..3.4</dt><dd>a number above, up to, within; several hold at one pretension</dd>
+<dt>pretension=6</dt><dd>that pretension, in mm</dd>
+<dt>tag:aged, rig:paper, plan:quick</dt><dd>what a field says, also state:, source:, reason:, notes:</dd>
+<dt>begin&gt;=2026-03</dt><dd>runs since a day, a month or a year</dd></dl></div>
 <div class="sinew-card"><h2>Colours and marks</h2><p>Blue tendons are slack, orange ones near the rig's limit. Filled
 points
 are measured, with their 90 % intervals; lines and hollow points are predicted; a red cross misses its prediction.

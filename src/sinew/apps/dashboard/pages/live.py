@@ -31,7 +31,8 @@ def add_live_page(site: Site) -> None:
                 ui.html(_STEPS, sanitize=False).props("id=sinew-steps")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card()
-                with live_card("Oscilloscope", 6):
+                with live_card("Oscilloscope", 6) as place:
+                    place.classes("sinew-at-scope")
                     lay_out_scope(is_live=True)
                 _numbers_card()
                 _curves(site)
@@ -52,7 +53,8 @@ end.</li>
 
 def _joint_card() -> int:
     """Lay the joint out and return the number of its scene."""
-    with live_card("Joint", 3):
+    with live_card("Joint", 3) as place:
+        place.classes("sinew-at-joint")
         about = "The joint as it moves. Arrow keys turn it, plus and minus bring it nearer and farther, Home back."
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
@@ -81,7 +83,7 @@ def _numbers(rows: tuple[tuple[str, str], ...]) -> None:
 
 def _numbers_card() -> None:
     with live_card("Run", 3) as place:
-        place.classes("sinew-first")
+        place.classes("sinew-first sinew-at-run")
         _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at"), ("Recorded on", "source")))
         ui.html(
             '<progress id="sinew-progress" max="1" value="0" aria-label="Progress of the plan"></progress>'
@@ -159,10 +161,10 @@ def _curves(site: Site) -> None:
     """Lay out gain and phase, which grow with the run, and how they compare with what was predicted."""
     with card("Resonance curve: gain, torsion over commanded amplitude", 6) as place:
         gain = Curves("gain")
-    place.classes("sinew-first")
+    place.classes("sinew-first sinew-at-curve")
     with card("Phase: lag of the torsion behind the lever, 90° at resonance", 6):
         phase = Curves("phase")
-    with card("Measured against predicted", 12):
+    with card("Measured against predicted", 6):
         verdict = ui.label(_NOT_YET).props("id=sinew-verdict role=status").classes("text-bold")
         missed = ui.element("ul").props(
             'id=sinew-misses tabindex=0 aria-live=polite aria-label="Values that miss the prediction"'
@@ -208,7 +210,7 @@ def _verdict(results: Results) -> str:
     """Return how measured and predicted compare, or what is waited for."""
     if results.predicted:
         return tally(results.measured) or "Nothing is measured yet; the lines are the prediction."
-    if results.trouble or results.remark:
+    if results.remark:
         return "There is no prediction to hold this run against."
     return "The prediction is being computed." if results.is_predicting else _NOT_YET
 

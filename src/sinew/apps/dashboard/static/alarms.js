@@ -56,7 +56,7 @@ const clock = (seconds) => window.Sinew.clock(seconds);
 const timeOf = (ms) => new Date(ms).toLocaleTimeString([], { hour12: false });
 
 let alarms = kept("sinew-alarms", {}), past = kept("sinew-alarms-past", []), isLoud = kept("sinew-alarm-sound", true);
-let mayNotify = kept("sinew-alarm-notify", true), rig = null, limits = {}, audio = null, events = [], run = "", printed = "";
+let mayNotify = kept("sinew-alarm-notify", true), rig = null, limits = {}, audio = null, events = [], stops = [], run = "", printed = "";
 
 const limitsKey = () => `sinew-alarm-limits ${rig.name}`;
 
@@ -64,8 +64,9 @@ const limitsKey = () => `sinew-alarm-limits ${rig.name}`;
 export function take(state, isNow, drawn) {
   const live = state.live;
   if (drawn !== rig) choose(drawn);
-  if (live?.name !== run) { run = live?.name ?? ""; events = []; }
+  if (live?.name !== run) { run = live?.name ?? ""; events = []; stops = []; }
   if (live?.events) events = live.events;
+  noteStop(state.steward);
   const readings = live?.readings ?? {};
   for (const reading of READINGS) {
     const [value, of] = readings[reading.key] ?? [null, ""];
@@ -79,6 +80,16 @@ export function take(state, isNow, drawn) {
   } else store(rest(alarms));
   list();
 }
+
+// An emergency stop is told as soon as it is under way: the run's own record of it comes later, or never.
+function noteStop(steward) {
+  const its = [steward?.run, steward?.last].find((one) => one && one.name === run), stop = steward?.emergency;
+  const row = (text, at) => { stops = [{ severity: "stop", text, at, inRun: null }]; };
+  if (stop?.was_emergency && its && stop.at >= its.started) row(`Emergency stop: ${stop.sentence}`, stop.at);
+  else if (steward?.stopping && steward.run?.name === run && !stops.length) row("Emergency stop", steward.time_s);
+}
+
+const isNews = (stop) => !events.some(([, severity, , at]) => severity === "stop" && at > stop.at - 2);
 
 const allowed = () => Object.fromEntries(READINGS.map(({ key }) => [key, rig.alarms[key].rig]));
 
@@ -213,7 +224,7 @@ let least = "all";
 function list() {
   const log = $("sinew-log");
   if (!log) return;
-  const rows = [...events.map(([, severity, text, at, inRun]) => ({ severity, text, at, inRun })),
+  const rows = [...events.map(([, severity, text, at, inRun]) => ({ severity, text, at, inRun })), ...stops.filter(isNews),
     ...past.filter((one) => one.run === run).map((one) => ({ ...one, severity: "alarm" }))]
     .filter((row) => (SEVERITIES[row.severity] ?? SEVERITIES.note).rank >= LEAST[least])
     .sort((a, b) => (a.at ?? 0) - (b.at ?? 0)).reverse();

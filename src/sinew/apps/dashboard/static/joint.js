@@ -160,6 +160,7 @@ export class JointView {
       point.x *= 1.25; point.y *= 1.25;
       point.project(camera);
       const label = this.labels[i];
+      if (!width || !Number.isFinite(point.x)) { label.textContent = ""; return; } // it is not drawn yet
       label.style.transform = `translate(-50%, -50%) translate(${((point.x + 1) / 2 * width).toFixed(1)}px, ${((1 - point.y) / 2 * height).toFixed(1)}px)`;
       label.style.zIndex = behind ? "0" : "1";
       if (isDue) label.textContent = `${i + 1}: ${this.tensions[i].toFixed(0)} N`;

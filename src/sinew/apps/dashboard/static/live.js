@@ -109,11 +109,16 @@ function isOfNow() {
 function age() {
   const live = state?.live, run = state?.steward?.run, old = ageOfValues(), isNow = isOfNow();
   const isStale = Boolean(live) && !isNow, text = !isStale ? "" : old === null ? "from before" : `${clock(old)} ago`;
+  // Of a run that is over the bench has left what it showed last: after a release there is no tension any more.
+  const { last, emergency } = state?.steward ?? {}, ends = [last?.sentence, emergency?.at >= last?.started ? emergency.sentence : ""];
+  const kind = !isStale || run ? "" : /let down|torque off/.test(ends.join()) ? "last sample, before the release" : "last sample";
   document.body.dataset.stale = String(isStale);
   for (const card of document.querySelectorAll(".sinew-live")) {
     card.classList.toggle("stale", isStale);
-    const place = card.querySelector(".sinew-age");
-    if (place && place.textContent !== text) place.textContent = text;
+    for (const [part, said] of [[".sinew-age", text], [".sinew-last", kind]]) {
+      const place = card.querySelector(part);
+      if (place && place.textContent !== said) place.textContent = said;
+    }
   }
   const isQuiet = isStale && socket?.readyState === WebSocket.OPEN && run && run.name === live.name && old !== null && ["running", "paused", "pausing"].includes(run.state);
   notice("quiet", isQuiet ? "bad" : null, { title: "No samples come from the bench", lines: ["What is shown is old. The run may hang: see to the bench, and end the run."] });

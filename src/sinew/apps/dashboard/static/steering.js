@@ -3,7 +3,7 @@
 
 const config = JSON.parse(document.getElementById("sinew-config").textContent);
 const steering = `${location.protocol}//${location.hostname}:${config.steering_port}`;
-const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, CLAIM_MS = 3000;
+const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, HEARD_MS = 2500, CLAIM_MS = 3000;
 const $ = (id) => document.getElementById(id);
 
 let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null, letGo = null;
@@ -202,6 +202,7 @@ const BEGINS = ["starting", "preparing"];
 const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
 
 function mayStart() {
+  if (reachable === false) return "Steering does not answer.";
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
   if (!status.signed_in) return "Sign in and take control to start.";
   if (status.operator && !status.operator.mine) return "Another page is in control: take over to start.";
@@ -230,21 +231,23 @@ function show() {
   const who = $("sinew-who");
   put(who, status !== null && !status.signed_in ? "You only watch" : !operator ? "Nobody is in control" : mine ? "You are in control"
     : `Another page is in control since ${at(operator.since)}`);
-  who.title = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
+  const hint = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
+  who.title = `${who.textContent}. ${hint}`.trim();
   put($("sinew-take"), mine ? "Give control up" : operator ? "Take over" : "Take control");
   $("sinew-take").disabled = reachable === false || status === null;
-  const may = mine && Boolean(run);
+  const steers = mine && reachable !== false, may = steers && Boolean(run);
   $("sinew-pause").disabled = !may || !["running", "found"].includes(state);
   $("sinew-resume").disabled = !may || !["paused", "pausing"].includes(state);
   $("sinew-stop").disabled = !may || state === "finishing";
   $("sinew-hold").disabled = !may || state === "finishing"; // at rest there is nothing to hold
-  $("sinew-release").disabled = !mine || !bench || state === "finishing";
+  $("sinew-release").disabled = !steers || !bench || state === "finishing";
   label();
   gate();
+  tellLost();
   tell(run, state, last, mine);
 }
 
-const mayKeep = () => !status?.signed_in ? "Sign in and take control first." : !status.operator?.mine ? "Take control first." : "";
+const mayKeep = () => reachable === false ? "Steering does not answer." : !status?.signed_in ? "Sign in and take control first." : !status.operator?.mine ? "Take control first." : "";
 
 // The buttons that start a run, save and delete are the page's; whether this tab may is known here.
 function gate() {
@@ -292,7 +295,7 @@ function tell(run, state, last, mine) {
   } else notice("emergency");
   notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
     { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves, unless Plan did so: some seconds."] });
-  notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
+  notice("silent", state === "silent" && reachable !== false ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
   if (config.here !== "/" || run || !last) { notice("ended"); }
   else {
@@ -313,7 +316,7 @@ function tell(run, state, last, mine) {
 }
 
 // On a slow line answers overtake each other: one that was asked for before the newest that came is of the past.
-let asked = 0, newest = 0;
+let asked = 0, newest = 0, heard = -Infinity;
 async function poll() {
   const turn = asked += 1;
   let code = null, said = null;
@@ -323,6 +326,7 @@ async function poll() {
   if (turn < newest) return;
   newest = turn;
   reachable = code !== null && code < 500;
+  if (reachable) heard = performance.now();
   if (code !== null) status = code === 200 ? said : null;
   if (code === 401) signIn("This page is for those who have its token.");
   show();
@@ -350,12 +354,14 @@ const box = $("popup");
 let lost = null;
 function watchBox() {
   const isLost = box.getAttribute("aria-hidden") === "false";
-  if (isLost && lost === null) lost = setTimeout(() => {
-    document.body.dataset.pages = "lost";
-    notice("lost", "bad", { title: "The pages' server does not answer",
-      lines: ["What is shown is old. The bench goes on as it was, and the emergency stop works. Trying again."] });
-  }, LOST_MS);
-  if (!isLost && lost !== null) { clearTimeout(lost); lost = null; delete document.body.dataset.pages; notice("lost"); }
+  if (isLost && lost === null) lost = setTimeout(() => { document.body.dataset.pages = "lost"; tellLost(); }, LOST_MS);
+  if (!isLost && lost !== null) { clearTimeout(lost); lost = null; delete document.body.dataset.pages; tellLost(); }
+}
+// Where steering does not answer either, its notice is the only one: of the stop there is one answer.
+function tellLost() {
+  const isLost = document.body.dataset.pages === "lost" && reachable !== false, works = performance.now() - heard < HEARD_MS;
+  notice("lost", isLost ? "bad" : null, { title: "The pages' server does not answer",
+    lines: [`What is shown is old. ${works ? "The bench goes on as it was, and the emergency stop works. " : ""}Trying again.`] });
 }
 if (box) new MutationObserver(watchBox).observe(box, { attributes: true, attributeFilter: ["aria-hidden"] });
 
@@ -391,4 +397,4 @@ if (given) {
   if (trouble) signIn(trouble); else if (config.locked) location.reload();
 } else if (ticket === null) await takeTicket().catch(() => null);
 await poll();
-setInterval(poll, POLL_MS);
+setInterval(() => { poll(); tellLost(); }, POLL_MS);
