@@ -139,9 +139,10 @@ def test_the_joint_is_turned_brought_nearer_and_turned_back_by_keys(spatial: Any
     assert camera(spatial) == pytest.approx((azimuth, height, distance))
 
 
-def touched(page: Any, across: int, down: int) -> None:
-    """Draw a finger over the joint."""
-    page.evaluate("document.activeElement.blur(); scrollTo(0, 0)")
+def touched(page: Any, across: int, down: int) -> float:
+    """Draw a finger over the joint, and return how far the page was scrolled before."""
+    page.evaluate("document.activeElement.blur(); document.querySelector('#sinew-joint').scrollIntoView(false)")
+    scrolled = float(page.evaluate("scrollY"))
     box = page.locator("#sinew-joint canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     touch = page.context.new_cdp_session(page)
@@ -154,26 +155,28 @@ def touched(page: Any, across: int, down: int) -> None:
     ):
         points = [] if part is None else [{"x": x + part * across, "y": y + part * down}]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    return scrolled
 
 
 def test_the_joint_is_turned_by_a_finger_that_goes_across(spatial: Any) -> None:
+    spatial.click("#sinew-joint-home")  # the scene may not have moved to its eye yet
     before = camera(spatial)
-    touched(spatial, 80, 4)
+    scrolled = touched(spatial, 80, 4)
     spatial.wait_for_function(
         f"before => {{ const seen = ({FIND_SCENE} return scene(); }})();"
         " return Math.abs(Math.atan2(seen.camera.position.y, seen.camera.position.x) - before) > 0.1; }",
         arg=np.radians(before[0]),
     )
     assert camera(spatial)[0] < before[0] - 5.0  # a finger to the right takes what it holds along
-    assert spatial.evaluate("scrollY") == 0
+    assert spatial.evaluate("scrollY") == scrolled
     spatial.click("#sinew-joint-home")
     assert camera(spatial) == pytest.approx(before)
 
 
 def test_a_finger_that_goes_up_over_the_joint_scrolls_the_page(spatial: Any) -> None:
     before = camera(spatial)
-    touched(spatial, 4, -150)
-    spatial.wait_for_function("scrollY > 50")
+    scrolled = touched(spatial, 4, -150)
+    spatial.wait_for_function("before => scrollY > before + 50", arg=scrolled)
     assert camera(spatial)[2] == pytest.approx(before[2])
     spatial.evaluate("scrollTo(0, 0)")
 
