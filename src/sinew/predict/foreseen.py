@@ -12,6 +12,7 @@ from sinew.measure.kept import keep, key_of, recall
 from sinew.plan.check import Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig
 
 _KIND = "foreseen"
 
@@ -54,7 +55,7 @@ def keep_foreseen(
 
 
 def _key(plan: Plan, rig: RigSpec) -> str:
-    return key_of(plan.model_dump_json(), rig.model_dump_json())
+    return key_of(dump_plan(plan), dump_rig(rig))  # with its intervals, which a model's JSON leaves out
 
 
 def told_preview(plan: Plan, rig: RigSpec, preview: Preview, expected: tuple[Foretold, ...] = ()) -> dict[str, Any]:

@@ -271,12 +271,12 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
     intervals. `amplitude_deg`: of the command. `remarks`: sentences on the bands.
     It is kept, and comes from the disk the next time. Raises SpecError where a text is no plan or no rig.
     """
-    from sinew.plan.toml import parse_plan, parse_rig
+    from sinew.plan.toml import dump_plan, dump_rig, parse_plan, parse_rig
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     if plan.is_spatial:
         return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
-    key = key_of(plan.model_dump_json(), rig.model_dump_json(), draws)
+    key = key_of(dump_plan(plan), dump_rig(rig), draws)  # with its intervals, which a model's JSON leaves out
     found: dict[str, Any] | None = recall(_PREDICTED, key)
     if found is None:
         found = _predicted_for(plan, rig, draws)
