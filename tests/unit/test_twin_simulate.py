@@ -10,7 +10,7 @@ from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_rig
 from sinew.twin.parameters import Effects
-from sinew.twin.simulate import peak_torsion, rest_tension, simulate
+from sinew.twin.simulate import foresee, rest_tension, simulate
 
 PLAN = Plan(
     name="short",
@@ -123,4 +123,4 @@ def test_previewed_torsion_is_the_largest_that_the_gyroscope_integrates_to(rig: 
         torsion = np.cumsum(rate[where]) / PLAN.sample_hz + (start if segment.kind in ("steady", "ring-down") else 0.0)
         start = float(torsion[-1])
         largest[segment.pretension_mm] = max(largest[segment.pretension_mm], float(np.abs(torsion).max()))
-    np.testing.assert_allclose(peak_torsion(PLAN, rig), list(largest.values()), rtol=0.05)
+    np.testing.assert_allclose(foresee(PLAN, rig)[0], list(largest.values()), rtol=0.05)

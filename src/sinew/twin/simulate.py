@@ -93,19 +93,10 @@ def rest_tension(pretension_mm: Sequence[float], rig: RigSpec) -> NDArray[np.flo
     return np.asarray(p.held_tension)
 
 
-def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
-    """Return the largest torsion [rad] that the plan's drive brings about at each of its pretensions, (pretension,).
-
-    One repeat of every group, without scatter or sensors, from rest.
-    """
-    groups = [group for group in plan.groups() if group.kind not in ("idle", "tracking") and group.repeat == 0]
-    moved, _ = _move(plan, groups, rig)
-    return _peaks(moved, groups, plan)
-
-
 def foresee(plan: Plan, rig: RigSpec) -> tuple[NDArray[np.float64], xr.Dataset]:
-    """Return what a plan will bring about: the largest torsion [rad] at each pretension, as `peak_torsion`, and the
-    recording of one repeat of it without scatter and noise, with the delays and filters of the sensors."""
+    """Return what a plan will bring about: the largest torsion [rad] at each of its pretensions, (pretension,), from
+    rest, and the recording of one repeat of it without scatter and noise, with the delays and filters of the sensors.
+    """
     parts = {name: part.model_copy(update={"repeats": 1}) for name in _REPEATED if (part := getattr(plan, name))}
     once = plan.model_copy(update=parts)
     groups = once.groups()
