@@ -337,6 +337,8 @@ class _Desk:
             text.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
             self._drafts.pop(self._plan, None)
+            self._plan, self._shelved = file, told["text"]
+            self._tell_state()
             await self._reload(file)
 
     def _ask_to_delete(self) -> None:
@@ -351,7 +353,11 @@ class _Desk:
 
     async def _reload(self, name: str) -> None:
         """Offer what is on the shelf now, and take a plan of it."""
-        shelves = await self._site.work.call("shelf", str(self._site.runs))
+        try:
+            shelves = await self._site.work.call("shelf", str(self._site.runs))
+        except SinewError as trouble:  # what was done on the shelf is done; the list here is as it was
+            ui.notify(str(trouble), type="negative")
+            return
         self._plan = name
         self._plans.set_options(_plans_in_words(shelves), value=name)
         await self._take(name)
