@@ -24,31 +24,32 @@ from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import blocks_of, search_block
 from sinew.twin.cache import configure
 
-STARTS, RIGS = 64, 64
+COUNTS = (64, 1024)
 NO_GPU = 3
 
 
-def batches() -> dict[str, tuple[int, Callable[[], Any]]]:
-    """Return what is computed by name: how many, and what gives their numbers as one array."""
+def batches(count: int) -> dict[str, Callable[[], Any]]:
+    """Return what is computed by name, so many of each at once: what gives their numbers as one array."""
     rig = load_rig("paper")
     target, base = DesignTarget((0.7, 1.1), 7.0, 0.25), {"base": shear_modulus_of(rig)}
-    (block,) = blocks_of(dump_rig(rig), target, base, ["circle"], STARTS, 0)
+    (block,) = blocks_of(dump_rig(rig), target, base, ["circle"], count, 0)
     return {
-        "designs, searched": (STARTS, lambda: search_block(block).objectives),
-        "rigs of the posterior": (RIGS, lambda: observe([rig] * RIGS)),
+        "designs, searched": lambda: search_block(block).objectives,
+        "rigs of the posterior": lambda: observe([rig] * count),
     }
 
 
-def measure() -> dict[str, Any]:
+def measure(counts: Sequence[int]) -> dict[str, Any]:
     """Return time [s], processor time [s] and numbers of every batch on the device of this process, by name."""
     configure()
     found: dict[str, Any] = {}
-    for name, (count, batch) in batches().items():
-        values = np.asarray(batch())
-        begin, cpu = time.perf_counter(), time.process_time()
-        batch()
-        took = {"seconds": time.perf_counter() - begin, "cpu_s": time.process_time() - cpu}
-        found[name] = took | {"count": count, "kind": str(values.dtype), "values": values.tolist()}
+    for count in counts:
+        for name, batch in batches(count).items():
+            values = np.asarray(batch())
+            begin, cpu = time.perf_counter(), time.process_time()
+            batch()
+            took = {"seconds": time.perf_counter() - begin, "cpu_s": time.process_time() - cpu}
+            found[f"{count:4d} {name}"] = took | {"kind": str(values.dtype), "values": values.tolist()}
     return found
 
 
@@ -56,19 +57,20 @@ def main(arguments: Sequence[str] = ()) -> None:
     """Print the time of each batch on the CPU and, where there is one, on the GPU, and how far numbers are apart."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks gpu", description=__doc__)
     parser.add_argument("--alone", action="store_true", help=f"the device of ${DEVICE} alone, as JSON")
+    parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="sizes of a batch (default: 64 1024)")
     given = parser.parse_args([*arguments])
     if given.alone:
         try:
-            print(json.dumps(measure()))
+            print(json.dumps(measure(given.counts)))
         except SpecError as error:
             print(error, file=sys.stderr)
             sys.exit(NO_GPU)
         return
-    cpu, gpu = (asked(device) for device in DEVICES)
+    cpu, gpu = (asked(device, given.counts) for device in DEVICES)
     assert isinstance(cpu, dict)
     print("batches on the CPU and on a GPU, double precision on both:")
     for name, one in cpu.items():
-        line = f"  {one['count']:4d} {name:24} {one['seconds']:8.2f} s on the CPU, {one['cpu_s']:.2f} s of processor"
+        line = f"  {name:28} {one['seconds']:8.2f} s on the CPU, {one['cpu_s']:.2f} s of processor"
         if isinstance(gpu, dict):
             other = gpu[name]
             apart = np.nanmax(np.abs(np.array(other["values"]) / np.where(one["values"], one["values"], 1.0) - 1))
@@ -79,9 +81,9 @@ def main(arguments: Sequence[str] = ()) -> None:
         print(f"  the GPU's figure is missing: {gpu}")
 
 
-def asked(device: str) -> dict[str, Any] | str:
+def asked(device: str, counts: Sequence[int]) -> dict[str, Any] | str:
     """Return what a process of its own measures on a device; where there is none, why."""
-    command = [sys.executable, "-m", "benchmarks.gpu", "--alone"]
+    command = [sys.executable, "-m", "benchmarks.gpu", "--alone", "--counts", *map(str, counts)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {DEVICE: device})
     if done.returncode == NO_GPU:
         return done.stderr.strip().splitlines()[-1]

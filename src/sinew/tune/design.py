@@ -291,9 +291,9 @@ def blocks_of(
 
 
 @cache
-def _step() -> Any:
-    """Return the compiled step of Adam: (state, weights (n, 3), step's share, number, G, frame) to the next
-    state, of which the first part are the logits (n, 5) of the places."""
+def _search() -> Any:
+    """Return the compiled search of Adam from logits (n, 5) of places in the unit cube, by weights (n, 3), G and frame,
+    to sizes (n, 5), objectives, excess, pretension and lever of the candidates that it ends at."""
 
     def loss(logit: jax.Array, weights: jax.Array, share: jax.Array, modulus: jax.Array, frame: Frame) -> jax.Array:
         judged = judge(jax.nn.sigmoid(logit), modulus, frame)
@@ -302,32 +302,26 @@ def _step() -> Any:
         wall = _WALL * jnp.sum(logit**2)
         return weights @ jnp.log(judged.objectives) + penalty * jnp.sum(over + over**2) + wall
 
-    slope = jax.vmap(jax.jacfwd(loss), in_axes=(0, 0, None, None, None))
+    slope = jax.vmap(jax.grad(loss), in_axes=(0, 0, None, None, None))
 
-    def step(
-        state: tuple[jax.Array, ...], weights: jax.Array, i: jax.Array, modulus: jax.Array, frame: Frame
-    ) -> tuple[jax.Array, ...]:
-        x, mean, square = state
-        share = i / (_STEPS - 1)
-        g = jnp.nan_to_num(slope(x, weights, share, modulus, frame))
-        g = g / jnp.maximum(1.0, jnp.linalg.norm(g, axis=1, keepdims=True))
-        mean, square = 0.9 * mean + 0.1 * g, 0.99 * square + 0.01 * g**2
-        hat, spread = mean / (1 - 0.9 ** (i + 1)), square / (1 - 0.99 ** (i + 1))
-        rate = _RATE * (_LAST_RATE / _RATE) ** share
-        return jnp.clip(x - rate * hat / (jnp.sqrt(spread) + 1e-8), -_EDGE, _EDGE), mean, square
+    def search(logits: jax.Array, weights: jax.Array, modulus: jax.Array, frame: Frame) -> tuple[jax.Array, ...]:
+        def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+            x, mean, square = state
+            share = i / (_STEPS - 1)
+            g = jnp.nan_to_num(slope(x, weights, share, modulus, frame))
+            g = g / jnp.maximum(1.0, jnp.linalg.norm(g, axis=1, keepdims=True))
+            mean, square = 0.9 * mean + 0.1 * g, 0.99 * square + 0.01 * g**2
+            hat, spread = mean / (1 - 0.9 ** (i + 1.0)), square / (1 - 0.99 ** (i + 1.0))
+            rate = _RATE * (_LAST_RATE / _RATE) ** share
+            return jnp.clip(x - rate * hat / (jnp.sqrt(spread) + 1e-8), -_EDGE, _EDGE), mean, square
 
-    return jax.jit(step)
-
-
-@cache
-def _judge() -> Any:
-    def judged(logits: jax.Array, modulus: jax.Array, frame: Frame) -> tuple[jax.Array, ...]:
-        places = jax.nn.sigmoid(logits)
+        none = jnp.zeros_like(logits)
+        places = jax.nn.sigmoid(jax.lax.fori_loop(0, _STEPS, step, (logits, none, none))[0])
         found = jax.vmap(judge, in_axes=(0, None, None))(places, modulus, frame)
         sizes = jnp.stack(jax.vmap(unpacked, in_axes=(0, None))(places, frame), axis=1)
         return sizes, found.objectives, found.excess, found.pretension, found.lever
 
-    return jax.jit(judged)
+    return jax.jit(search)
 
 
 def search_block(block: Block) -> Found:
@@ -338,11 +332,7 @@ def search_block(block: Block) -> Found:
     rng = np.random.default_rng([block.seed, block.number])
     place = rng.uniform(0.05, 0.95, (block.starts, len(SIZES)))
     weights = rng.dirichlet(np.ones(len(OBJECTIVES)), block.starts)
-    logits = np.log(place / (1 - place))
-    state: Any = (logits, np.zeros_like(logits), np.zeros_like(logits))
-    for i in range(_STEPS):
-        state = _step()(state, weights, float(i), block.modulus, frame)
-    done = _judge()(state[0], block.modulus, frame)
+    done = _search()(np.log(place / (1 - place)), weights, block.modulus, frame)
     sizes, objectives, excess, pretension, lever = (np.asarray(leaf) for leaf in done)
     worst = np.nan_to_num(excess.max(axis=1), nan=np.inf)
     feasible = (worst <= _CLOSE) & np.isfinite(objectives).all(axis=1)
