@@ -25,8 +25,6 @@ Energy = Callable[[jax.Array, jax.Array], jax.Array]
 
 _STEPS, _ENOUGH = 25, 1e-10
 
-configure()
-
 
 class Solid(NamedTuple):
     """A meshed solid. energy(v (k,), place (d,)): density [J/m³ or per whatever the weight counts].
@@ -53,6 +51,7 @@ class Balance(NamedTuple):
 
 def balance(solid: Solid, d: Array) -> Balance:
     """Return the balance of a solid with unknowns d (total,)."""
+    configure()  # not as this is imported: by then it was settled for every benchmark how many threads JAX has
     local = d[solid.unknowns]
     v = np.einsum("epka,ea->epk", solid.maps, local)
     shape = v.shape[:2]

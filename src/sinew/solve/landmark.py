@@ -88,11 +88,11 @@ def locate(
         )
         length = np.linalg.norm(change, axis=1)
         there[left] += change * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
+        again = quarter & (error[left] >= search.enough)  # one more step is free of kinks
         better = left[length < error[left]]
-        settled = quarter & (np.maximum(length, error[left]) < search.enough)  # twice: one more step is free of kinks
         best[better], error[better] = there[better], length[length < error[left]]
-        left = left[~settled]
-        if np.all(error < search.enough):
+        left = left[again | (error[left] >= search.enough)]
+        if not left.size:
             break
     size_there = half_range(best, equations, size.harmonics).value
     return Located(best, error, size_there, lag_product(best, equations, size.harmonics)[0])

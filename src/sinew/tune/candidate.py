@@ -8,7 +8,7 @@ the sizes by the implicit function theorem. All forces are those of the twin. Wh
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
