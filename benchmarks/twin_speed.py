@@ -25,7 +25,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.modes import Asked
 from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.march import STEPS_PER_SAMPLE
-from sinew.twin.cache import configure
+from sinew.twin.cache import use_all_cores
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 SAMPLE_HZ = 200.0
@@ -139,7 +139,7 @@ def _against_mujoco(rig: RigSpec, twin_cost: float) -> None:
 
 def main() -> None:
     """Print the twin's cost per simulated second beside its peers'."""
-    configure()
+    use_all_cores()
     rig = load_rig("paper")
     groups = _groups(1040)
     lanes = lane_parameters(groups, rig)

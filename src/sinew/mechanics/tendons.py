@@ -130,6 +130,18 @@ def tendon_tension(stretch: jax.Array, p: Parameters) -> jax.Array:
     return jnp.where(p.mode == POSITION, position, held)
 
 
+def as_one_tendon(p: Parameters) -> Parameters:
+    """Return the parameters with all tendons as one that is so many times as stiff and held so many times as hard.
+
+    Guides stand on circles of one radius each and the head does not tilt, so all tendons do the same: energy and total
+    tension are what they are, for a part of the work.
+    """
+    count = len(p.guide_directions)
+    return p._replace(
+        guide_directions=p.guide_directions[:1], stiffness=count * p.stiffness, held_tension=count * p.held_tension
+    )
+
+
 def total_tension(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
     """Return the sum of all tendons' tensions ΣT [N]."""
     return jnp.asarray(sum(tendon_tension(stretch, p) for stretch in tendon_stretch(torsion, shortening, p)))

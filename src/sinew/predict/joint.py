@@ -23,6 +23,7 @@ from sinew.mechanics.drive import commanded_angle
 from sinew.mechanics.joint import State, rate
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, relaxation_times
+from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.solve.balance import Coordinate, Equations, Lane, Size
@@ -58,12 +59,13 @@ def _state(u: jax.Array, lever: jax.Array, lever_rate: jax.Array, bristles: jax.
 
 
 def _free(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
-    now = rate(phase / omega, _state(u, u[_PLACE], u[_PLACE + 1], u[_PLACE + 2 :]), p._replace(omega=omega))
+    p = as_one_tendon(p)._replace(omega=omega)
+    now = rate(phase / omega, _state(u, u[_PLACE], u[_PLACE + 1], u[_PLACE + 2 :]), p)
     return jnp.stack([now.torsion_rate, now.shortening_rate, now.lever_rate, *now.bristles])
 
 
 def _prescribed(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
-    p = p._replace(omega=omega)
+    p = as_one_tendon(p)._replace(omega=omega)
     goal, goal_rate, _ = commanded_angle(phase / omega, p)
     now = rate(phase / omega, _state(u, goal, goal_rate, u[_PLACE:]), p)
     return jnp.stack([now.torsion_rate, now.shortening_rate, *now.bristles])

@@ -27,16 +27,9 @@ _NODES = np.cos((2 * np.arange(4) + 1) * np.pi / 16)
 """Positive ones of eight nodes of Chebyshev and Gauss: exact for odd torques up to the fifteenth power."""
 
 
-def as_one_tendon(p: Parameters) -> Parameters:
-    """Return the parameters with the tendons as one that is so many times as stiff. Guides stand on circles of one
-    radius and the head does not tilt, so all tendons do the same, and what is compiled is that much smaller."""
-    count = len(p.guide_directions)
-    return p._replace(guide_directions=p.guide_directions[:1], stiffness=count * p.stiffness)
-
-
 def held_at(shortening: jax.Array, p: Parameters) -> tuple[Parameters, jax.Array]:
     """Return (parameters with motors at the positions that keep the joint at a shortening [m], tension of all tendons
-    together at rest [N]). p: as `as_one_tendon` gives; at rest the tendon runs along the axis."""
+    together at rest [N]). p: as `sinew.mechanics.tendons.as_one_tendon` gives; at rest the tendon runs along the axis."""
     tension = axial_force(shortening, jnp.zeros(()), p)
     span = tendon_stretch(jnp.zeros(()), shortening, p._replace(cable_end=jnp.zeros(())))[0]
     return p._replace(cable_end=span - tension / p.stiffness), tension

@@ -17,7 +17,7 @@ from sinew.measure.tasks import cores
 from sinew.mechanics.drive import commanded_angle, duty
 from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.tendons import tendon_stretch
+from sinew.mechanics.tendons import as_one_tendon, tendon_stretch
 
 S = TypeVar("S")
 K = TypeVar("K")
@@ -156,7 +156,9 @@ def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:
 def _batch(
     p: Parameters, shortening: jax.Array, sample_s: jax.Array, samples: jax.Array, room: int, steps: int
 ) -> jax.Array:
-    """Return observations (room, lane, channel) of one batch; only the first `samples` are filled."""
+    """Return observations (room, lane, channel) of one batch; only the first `samples` are filled. The tendons all do
+    the same; the last channel is the stretch of each."""
+    p = as_one_tendon(p)
     step_s = sample_s / steps
     states = jax.vmap(state_at_rest)(shortening, p)
 
@@ -173,8 +175,7 @@ def _batch(
         _, now = jax.lax.fori_loop(0, steps, substep, (time_s, now))
         return now, kept
 
-    channels = len(Track._fields) - 1 + len(p.guide_directions)
-    kept = jnp.zeros((room, shortening.shape[0], channels))
+    kept = jnp.zeros((room, shortening.shape[0], len(Track._fields)))
     _, filled = jax.lax.fori_loop(0, samples, sample, (states, kept))
     return jnp.asarray(filled)
 
@@ -221,7 +222,8 @@ def integrate(
 
     kept = in_batches(run, samples, LANES, sample_s, progress)
     single = len(Track._fields) - 1
-    return [Track(*rows[:single], stretch=rows[single:]) for rows in kept]  # type: ignore[misc]
+    every = [0] * len(p.guide_directions)
+    return [Track(*rows[:single], stretch=rows[single:][every]) for rows in kept]  # type: ignore[misc]
 
 
 def in_batches(

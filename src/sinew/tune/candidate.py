@@ -19,6 +19,7 @@ from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.rod import column_load
 from sinew.mechanics.silicone import compressive_load
+from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.section import (
     Section,
@@ -39,7 +40,7 @@ from sinew.predict.joints.validity import (
     largest_strain,
     twisting_stretch,
 )
-from sinew.solve.first import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
+from sinew.solve.first import held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 
 # It is worked out what the drive has to do for a steady swing: torque, duty, current, energy a cycle.

@@ -14,7 +14,7 @@ from sinew.measure.tasks import DEVICE, cores
 _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
 """XLA's option: a loop whose turn reads and writes fewer bytes is compiled into one function."""
 
-_TURN_BYTES = 50_000  # of ours some 20 000: derivatives of one Runge-Kutta step in eight directions
+_TURN_BYTES = 5_000_000  # of ours up to 1 000 000: a step of the twin in a batch of 64 lanes
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 _KEPT_BYTES = 64 << 20

@@ -131,8 +131,8 @@ def _move(
     A head that is upright and that the lever drives only turns and sinks, which is far less to compute.
     """
     mode, hz = plan.pretension.mode, plan.sample_hz
+    use_all_cores()
     if plan.is_spatial:
-        use_all_cores()
         bent = space_lanes(groups, rig, mode=mode, effects=effects, rng=rng)
         swings = swing_lanes(bent, groups, hz, progress=progress)
         return join_swings(swings, bent, rig.imu), bent.space.joint
