@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from sinew.identify.joint.coordinates import make_coordinates, numbers_of
 from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction, MaxwellSlip
 from sinew.mechanics.parameters import POSITION
+from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig

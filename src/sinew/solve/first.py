@@ -29,7 +29,7 @@ _NODES = np.cos((2 * np.arange(4) + 1) * np.pi / 16)
 
 def held_at(shortening: jax.Array, p: Parameters) -> tuple[Parameters, jax.Array]:
     """Return (parameters with motors at the positions that keep the joint at a shortening [m], tension of all tendons
-    together at rest [N]). p: as `sinew.mechanics.tendons.as_one_tendon` gives; at rest the tendon runs along the axis."""
+    together at rest [N]). p: as `as_one_tendon` of the tendons gives; at rest the tendon runs along the axis."""
     tension = axial_force(shortening, jnp.zeros(()), p)
     span = tendon_stretch(jnp.zeros(()), shortening, p._replace(cable_end=jnp.zeros(())))[0]
     return p._replace(cable_end=span - tension / p.stiffness), tension
