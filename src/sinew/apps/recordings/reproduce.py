@@ -62,9 +62,11 @@ def reproduce(
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan
+    from sinew.twin.cache import use_all_cores
     from sinew.twin.simulate import simulate
 
     began = time.monotonic()
+    use_all_cores()
     if beyond is None and plan == "paper":
         beyond = "beyond"
     plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
