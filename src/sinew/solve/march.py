@@ -26,6 +26,8 @@ Progress = Callable[[float, float], None]
 LANES = 64
 """Lanes in one batch: small enough for the second-level cache, large enough to hide the loop's overhead."""
 
+_LANES_OF_A_GPU = 4096  # each of its kernels takes as long for one lane as for thousands
+
 STEPS_PER_SAMPLE = 4
 """Steps of RK4 between samples: 1.25 ms at 200 Hz."""
 
@@ -189,6 +191,11 @@ def steps_per_sample(p: Parameters, sample_s: float) -> int:
     return max(STEPS_PER_SAMPLE, math.ceil(sample_s * float(np.max(p.guides.fastest(speed))) / _FORGOTTEN))
 
 
+def lanes_together(count: int) -> int:
+    """Return how many of some lanes are one batch on the device that computes: a multiple of `LANES`."""
+    return LANES if jax.default_backend() == "cpu" else min(_LANES_OF_A_GPU, -(-count // LANES) * LANES)
+
+
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=cores(), thread_name_prefix="sinew-twin")
@@ -210,7 +217,7 @@ def integrate(
     `steps_per_sample`.
     progress: called with (done, total) simulated seconds after each batch.
 
-    Lanes are sorted by length and cut into batches of `LANES` that run on all cores; the compiled code is the same
+    Lanes are sorted by length and cut into batches that run on all cores; the compiled code is the same
     for all batches, so it is compiled once (and kept in the persistent cache).
     """
     steps = steps or steps_per_sample(p, sample_s)
@@ -220,7 +227,7 @@ def integrate(
         chunk = jax.tree.map(lambda leaf: np.asarray(leaf)[lanes], p)
         return np.asarray(_batch(chunk, shortening[lanes], np.float64(sample_s), np.int64(longest), room, steps))
 
-    kept = in_batches(run, samples, LANES, sample_s, progress)
+    kept = in_batches(run, samples, lanes_together(len(samples)), sample_s, progress)
     single = len(Track._fields) - 1
     every = [0] * len(p.guide_directions)
     return [Track(*rows[:single], stretch=rows[single:][every]) for rows in kept]  # type: ignore[misc]

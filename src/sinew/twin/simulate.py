@@ -19,7 +19,7 @@ from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
-from sinew.solve.march import LANES, Progress, Track, integrate
+from sinew.solve.march import Progress, Track, integrate, lanes_together
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure, use_all_cores
 from sinew.twin.parameters import Effects, from_rig
@@ -76,10 +76,10 @@ def lane_parameters(
 
 def _pretensioned(p: Parameters, pretension: NDArray[np.float64], contact: float, mode: float) -> Lanes:
     """Return the lanes at their pretensions [m]; solved in blocks of one size, so that it is compiled once."""
-    lanes = pretension.size
+    lanes, size = pretension.size, lanes_together(pretension.size)
     blocks = []
-    for start in range(0, lanes, LANES):
-        index = np.minimum(np.arange(start, start + LANES), lanes - 1)
+    for start in range(0, lanes, size):
+        index = np.minimum(np.arange(start, start + size), lanes - 1)
         block = jax.tree.map(lambda leaf, index=index: np.asarray(leaf)[index], p)
         blocks.append(_set_pretension()(block, pretension[index], contact, mode, LIMIT_RESERVE_N))
     held, shortening = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:lanes], *blocks)
