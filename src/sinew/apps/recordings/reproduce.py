@@ -319,7 +319,9 @@ def answer(
     from sinew.analysis.analysed import recording_rig
     from sinew.measure.files.netcdf import load_recording
     from sinew.paper.answers.questions import answer_questions
+    from sinew.twin.cache import use_all_cores
 
+    use_all_cores()
     if not file.is_file():
         raise FileError(
             f"found no recording {file}; expected a file that sinew simulate, run, import or reproduce wrote"
