@@ -35,14 +35,15 @@ def test_a_command_for_a_gpu_that_is_not_there_says_so_in_one_line(words: str, t
 @pytest.mark.slow
 def test_the_benchmark_says_why_the_figure_of_a_gpu_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("JAX_PLATFORMS", "cpu")
-    assert gpu.asked("gpu") == SENTENCE
+    assert gpu.asked("gpu", [4]) == SENTENCE
 
 
 def test_the_benchmark_says_that_the_figure_of_a_gpu_is_missing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    one = {"count": 64, "seconds": 2.0, "cpu_s": 1.5, "kind": "float64", "values": [1.0]}
-    monkeypatch.setattr(gpu, "asked", {"cpu": {"designs": one}, "gpu": SENTENCE}.__getitem__)
+    one = {"seconds": 2.0, "cpu_s": 1.5, "kind": "float64", "values": [[1.0]]}
+    told = {"cpu": {"64 designs": one}, "gpu": SENTENCE}
+    monkeypatch.setattr(gpu, "asked", lambda device, _counts: told[device])
     gpu.main()
     assert f"the GPU's figure is missing: {SENTENCE}" in capsys.readouterr().out
 
