@@ -101,6 +101,7 @@ def test_why_a_run_has_no_damping_is_said_in_the_list_and_on_its_page(opened: Op
         page.wait_for_selector("[data-trend] >> text=none is analysed yet, which opening one does")
         page.goto(f"{lab.base}/runs?open=bare")
         page.wait_for_selector("[data-note] >> text=D needs ring-downs, which its plan lacks")
+        assert "No resonance and no damping could be told." in page.inner_text("[data-headline]")
 
 
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:

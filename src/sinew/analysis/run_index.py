@@ -49,7 +49,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "decay_rate_per_s": Quantity("decay rate", "1/s", ("rate", "decay")),
     "paper_resonance_hz": Quantity("frequency of the largest mean of peaks (Eq. 6)", "Hz", ("f_paper",)),
     "gain_peak_measured_drive": Quantity("largest gain over the measured lever", "", ("gain_measured",)),
-    "energy_reduction": Quantity("energy saved by the resonance", "", ("saved",)),
+    "energy_reduction": Quantity("share of a swing's energy that resonance saves", "", ("saved",)),
     "paper_stiffness_n_m_rad": Quantity("stiffness ω² I", "N m/rad", ("k", "stiffness")),
     "paper_damping_n_m_s_rad": Quantity("damping constant 2 λ I", "N m s/rad", ("d", "damping_constant")),
 }

@@ -157,7 +157,7 @@ def _dotted(location: tuple[int | str, ...]) -> str:
     text = ""
     for part in location:
         if isinstance(part, int):
-            text += f", {_ORDINALS[part] if part < len(_ORDINALS) else f'{part + 1}th'} entry"
+            text += f", {_ORDINALS[part]} entry" if part < len(_ORDINALS) else f", entry {part + 1}"
         else:
             text += f".{part}"
     return text.removeprefix(".")

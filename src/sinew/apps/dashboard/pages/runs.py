@@ -399,6 +399,7 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
         compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
+        _headlines(found, about)
         _doubts(found)
         charts = _curves(found)
         verdict = ui.element("div").classes("span-12")
@@ -439,6 +440,41 @@ async def _foretell(
         for sentence in misses(measured):
             ui.label(sentence)
         ui.label(basis_of(parse_rig(found["rig"]))).classes("sinew-soft")
+
+
+def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[str, Any]]) -> None:
+    """Say of each run what it is and the numbers that one came for; the other resonances are in the table below."""
+    with card("Resonance and damping", 12) as place:
+        place.props("data-headline")
+        for name, results in found:
+            rows = results.get("parameters", [])
+            told = []
+            for one in COMMON[:2]:
+                unit = f" {QUANTITIES[one].unit}".rstrip()
+                if numbers := [row["estimate"] for row in rows if row["quantity"] == one]:
+                    told.append(f"{QUANTITIES[one].called[0]} {typeset(_shown(numbers))}{unit}")
+            levels = sorted({row["pretension_mm"] for row in rows})
+            where = " to ".join(f"{mm:g}" for mm in dict.fromkeys((levels[0], levels[-1]))) if levels else ""
+            said = f"{', '.join(told)} at {where} mm of pretension" if told else _NOTHING
+            ui.label(f"{name}: {said}" if len(found) > 1 else said).classes("text-h6")
+            run = about.get(name, {})
+            if run.get("source") in _SOURCES:
+                ui.label(f"{_SOURCES[run['source']]}; rig {run.get('rig') or 'unknown'}.").classes("sinew-soft")
+        ui.label(_WHAT_THEY_ARE).classes("sinew-soft")
+
+
+_SOURCES = {
+    "bench": "Measured on a bench",
+    "emulator": "Measured on an emulated bench: no motor moved",
+    "twin": "Simulated on the physics twin",
+    "import": "Imported from a file",
+}
+_NOTHING = "No resonance and no damping could be told."
+_WHAT_THEY_ARE = (
+    "f_r: frequency at which torsion over commanded amplitude is largest; D: Lehr's damping, of the ring-downs; with "
+    "their 90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by "
+    "90° of lag, by the paper's mean of peaks, of the decay) is in What was found."
+)
 
 
 def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
