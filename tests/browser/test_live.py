@@ -79,7 +79,7 @@ def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_three_clicks_in_a_
         page.wait_for_selector("tr >> text=frequency of the largest fundamental")
         page.wait_for_selector("[data-verdict] >> text=judged values")
         assert re.search(r"^f_r [1-9].* Hz at 4 mm", page.inner_text("[data-headline]"), re.M)
-        assert "an emulated bench: no motor moved" in page.inner_text("[data-headline]")
+        assert "Recorded on the emulated bench: no motor moved" in page.inner_text("[data-headline]")
 
 
 def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench: Served) -> None:

@@ -29,6 +29,14 @@ if TYPE_CHECKING:
 REGISTERS_ATTRIBUTE = "registers"
 """Attribute of a recording from a bench: the motors' registers as they were read back, as JSON."""
 
+SOURCES = {
+    "twin": "simulated by the physics twin",
+    "emulator": "recorded on the emulated bench: no motor moved",
+    "bench": "recorded on the bench",
+    "import": "an imported recording",
+}
+"""What a recording's attribute `source` says, in words."""
+
 
 @dataclass(frozen=True)
 class Segment:

@@ -21,6 +21,7 @@ from sinew.figures.style import save_figure
 from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
+from sinew.measure.recording import SOURCES
 from sinew.paper.answers.answer import Answer, Cell
 from sinew.paper.table import count_roles, is_the_papers
 from sinew.plan.rig import RigSpec
@@ -166,18 +167,10 @@ def write_report(
     )
 
 
-_SOURCES = {
-    "twin": "simulated by the physics twin",
-    "emulator": "recorded on the emulated rig",
-    "bench": "recorded on the bench",
-    "import": "an imported recording",
-}
-
-
 def _made_by(dataset: xr.Dataset) -> dict[str, str]:
     source = str(dataset.attrs.get("source", ""))
     off = ", ".join(str(dataset.attrs.get("effects_off", "")).split())
-    return {"source": _SOURCES.get(source, source), "effects_off": off}
+    return {"source": SOURCES.get(source, source), "effects_off": off}
 
 
 def _origins(results: xr.Dataset) -> list[tuple[str, str]]:

@@ -321,11 +321,11 @@ def answer(
     from sinew.paper.answers.questions import answer_questions
     from sinew.twin.cache import use_all_cores
 
-    use_all_cores()
     if not file.is_file():
         raise FileError(
             f"found no recording {file}; expected a file that sinew simulate, run, import or reproduce wrote"
         )
+    use_all_cores()
     folder = console.require_folder(out if out is not None else file.parent)
     recording = load_recording(file)
     rig_ = recording_rig(recording, rig)

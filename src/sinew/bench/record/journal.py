@@ -730,13 +730,12 @@ _LAST = f"SELECT kind, sentence FROM events WHERE kind NOT IN {STATES} ORDER BY 
 
 @dataclass(frozen=True)
 class JournalSummary:
-    """plan_toml, rig_toml: as given. source: of its samples, None where it was not given. dates: of every run that
-    wrote here (ISO 8601, UTC). finished: how many groups of the plan are recorded. duration_s: from first to last
-    segment, of all runs together. last: the newest event that is no mere state; None where there is none."""
+    """plan_toml, rig_toml: as given. dates: of every run that wrote here (ISO 8601, UTC). finished: how many groups of
+    the plan are recorded. duration_s: from first to last segment, of all runs together. last: the newest event that is
+    no mere state; None where there is none."""
 
     plan_toml: str
     rig_toml: str
-    source: str | None
     dates: tuple[str, ...]
     finished: int
     duration_s: float
@@ -755,13 +754,12 @@ def summarise_journal(path: Path) -> JournalSummary:
             return JournalSummary(
                 str(meta["plan"]),
                 str(meta["rig"]),
-                json.loads(meta["attrs"]).get("source"),
                 tuple(date for (date,) in journal.execute("SELECT date FROM sessions ORDER BY id")),
                 int(journal.execute("SELECT count(*) FROM finished").fetchone()[0]),
                 float(journal.execute(_DURATION).fetchone()[0]),
                 None if last is None else read_event(*last),
             )
-        except (sqlite3.DatabaseError, KeyError, ValueError, AttributeError) as error:
+        except (sqlite3.DatabaseError, KeyError) as error:
             raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
 
 

@@ -8,7 +8,6 @@ spring that gives way as the amplitude grows: it makes k₃ smaller, and a fit c
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ from sinew.identify.oscillator.record import FEWEST, Record, make_record
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment
-from sinew.measure.tasks import cores
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
@@ -164,40 +162,26 @@ def answer_hardening(
 
 
 def _fit_all(records: dict[float, dict[int, list[Record]]], progress: Progress) -> tuple[list[_Fits], list[str]]:
-    """Return what was fitted at each pretension, and why what is missing is; pretensions share the cores."""
+    found, failures = [], []
     done, total = 0, sum(len(repeats) + 1 for repeats in records.values())
-
-    def told() -> None:
-        nonlocal done
-        done += 1
-        progress(done, total)
-
-    def one(item: tuple[float, dict[int, list[Record]]]) -> tuple[_Fits | None, list[str]]:
-        return _fit_repeats(*item, told)
-
-    with ThreadPoolExecutor(cores(), "sinew-hardening") as pool:
-        each = list(pool.map(one, records.items()))
-    return [found for found, _ in each if found is not None], [said for _, failures in each for said in failures]
-
-
-def _fit_repeats(
-    pretension: float, repeats: dict[int, list[Record]], told: Callable[[], None]
-) -> tuple[_Fits | None, list[str]]:
-    fits: list[Fit] = []
-    other: list[Fit] = []
-    failures = []
-    for some in repeats.values():
-        try:
-            if fits:
-                fits.append(fit(some, fits[0].model, guess=fits[0]))
-            else:
-                best, *other = sorted((fit(some, model) for model in MODELS), key=lambda one: one.rmse)
-                fits.append(best)
-                told()
-        except SinewError as error:
-            failures.append(f"At {pretension:g} mm a repeat was left out: {error}.")
-        told()
-    return _Fits(pretension, fits, other[0]) if fits else None, failures
+    for pretension, repeats in records.items():
+        fits: list[Fit] = []
+        other: list[Fit] = []
+        for some in repeats.values():
+            try:
+                if fits:
+                    fits.append(fit(some, fits[0].model, guess=fits[0]))
+                else:
+                    best, *other = sorted((fit(some, model) for model in MODELS), key=lambda one: one.rmse)
+                    fits.append(best)
+                    done += 1
+            except SinewError as error:
+                failures.append(f"At {pretension:g} mm a repeat was left out: {error}.")
+            done += 1
+            progress(min(done, total), total)
+        if fits:
+            found.append(_Fits(pretension, fits, other[0]))
+    return found, failures
 
 
 def _number(fitted: Fit, term: str) -> Estimate:

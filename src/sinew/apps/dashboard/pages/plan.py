@@ -333,8 +333,8 @@ class _Desk:
         told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
         answer = await steer("shelve", told)
         self._replacing = file if answer.get("exists") else None
-        for text in self._save:
-            text.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
+        for label in self._save:
+            label.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
             self._drafts.pop(self._plan, None)
             self._plan, self._shelved = file, told["text"]

@@ -20,6 +20,7 @@ from sinew.apps.dashboard.pages.plan import plain_button, why_not
 from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
+from sinew.measure.recording import SOURCES
 from sinew.plan.toml import parse_rig
 
 _COLUMNS = {
@@ -457,18 +458,12 @@ def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[st
             where = " to ".join(f"{mm:g}" for mm in dict.fromkeys((levels[0], levels[-1]))) if levels else ""
             said = f"{', '.join(told)} at {where} mm of pretension" if told else _NOTHING
             ui.label(f"{name}: {said}" if len(found) > 1 else said).classes("text-h6")
-            run = about.get(name, {})
-            if run.get("source") in _SOURCES:
-                ui.label(f"{_SOURCES[run['source']]}; rig {run.get('rig') or 'unknown'}.").classes("sinew-soft")
+            if source := SOURCES.get(results.get("source") or ""):
+                rig = f", rig {about[name]['rig']}" if name in about and about[name]["rig"] else ""
+                ui.label(f"{begun(source)}{rig}.").classes("sinew-soft")
         ui.label(_WHAT_THEY_ARE).classes("sinew-soft")
 
 
-_SOURCES = {
-    "bench": "Measured on a bench",
-    "emulator": "Measured on an emulated bench: no motor moved",
-    "twin": "Simulated on the physics twin",
-    "import": "Imported from a file",
-}
 _NOTHING = "No resonance and no damping could be told."
 _WHAT_THEY_ARE = (
     "f_r: frequency at which torsion over commanded amplitude is largest; D: Lehr's damping, of the ring-downs; with "

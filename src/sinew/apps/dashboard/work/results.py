@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sinew.bench.record.journal import Stretch
     from sinew.plan.rig import RigSpec
 
-_RESULTS, _VERSION = "results.json", 2
+_RESULTS, _VERSION = "results.json", 3
 
 _QUANTITIES = {name: (about.words, about.unit) for name, about in QUANTITIES.items()}
 _QUANTITIES |= {"drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°")}
@@ -40,14 +40,21 @@ def run_results(folder: Path | str) -> dict[str, Any]:
 
     `curves` and `damping` as of `LiveResults.update`; `parameters`: rows of `pretension_mm`, `quantity` (as in the
     results), `name` (in words), `estimate` (`{"value", "std", "interval90"}`) and `unit`; `document`: what `sinew
-    analyse --json` says; `notes`: sentences. A run that is under way gives what its finished groups say.
+    analyse --json` says; `notes`: sentences; `source`: of the samples, None where it is not known. A run that is under
+    way gives what its finished groups say.
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
     folder = unlinked(Path(folder))
     journal = folder / JOURNAL
     if is_being_written(journal):
         found = LiveResults(journal, most_at_once=10**6).update()
-        return {**found, "parameters": list(_of_decays(found["damping"])), "document": None, "doubts": []}
+        return {
+            **found,
+            "parameters": list(_of_decays(found["damping"])),
+            "document": None,
+            "doubts": [],
+            "source": None,
+        }
     kept = kept_results(folder)
     if kept is None:
         recording_of(folder)
@@ -203,6 +210,7 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
         "document": document,
         "doubts": [one["sentence"] for one in document["doubts"]],
         "notes": [note for note in notes if note],
+        "source": results.attrs.get("source"),
     }
 
 

@@ -232,7 +232,6 @@ def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
         "duration_s": journal.duration_s,
         "rig": name_in(journal.rig_toml),
         "plan": plan.name,
-        "source": journal.source,
         "pretensions_mm": list(plan.pretension.pretension_mm),
         "groups_done": journal.finished,
         "groups": groups,
