@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text, served
 
 from sinew.measure.files.netcdf import load_recording
-from sinew.plan.toml import load_rig
+from sinew.plan.toml import dump_rig, load_rig
 
 pytestmark = pytest.mark.slow
 
@@ -418,6 +418,7 @@ def test_a_plan_is_kept_on_the_shelf_and_deleted_from_it_by_the_operator(opened:
     page.wait_for_function("document.querySelector('#sinew-plan-state').textContent.startsWith('Saved')")
     kept = shown.runs / "plans" / "kept.toml"
     assert kept.read_text() == plan_text(page)
+    assert "Its runs are listed as first, the name in its text." in page.inner_text("#sinew-plan-state")
     page.click("#sinew-plan-delete")
     page.wait_for_selector("#sinew-plan-delete-sure")
     assert findings(page, ".q-dialog") == []
@@ -453,6 +454,30 @@ def test_joints_are_kept_side_by_side_and_a_design_becomes_a_rig(opened: Open, s
         page.click("#sinew-rig-download")
     download.value.save_as(tmp_path / "mine.toml")
     assert load_rig(tmp_path / "mine.toml").silicone.length.value == pytest.approx(0.110)
+
+
+def test_a_joint_is_designed_from_a_rig_of_the_labs_own(opened: Open, shown: Served) -> None:
+    shelf = shown.runs / "rigs"
+    shelf.mkdir(exist_ok=True)
+    rig = load_rig("paper")
+    length = rig.silicone.length.model_copy(update={"value": 0.1})
+    silicone = rig.silicone.model_copy(update={"length": length})
+    (shelf / "a long one.toml").write_text(dump_rig(rig.model_copy(update={"name": "long", "silicone": silicone})))
+    page = opened(shown, "/design")
+    page.wait_for_selector("#sinew-peak")
+    page.fill("#sinew-number-length_mm", "110")
+    page.keyboard.press("Tab")
+    page.get_by_label("Rig as built").click()
+    page.get_by_role("option", name="a long one (yours; ").click()
+    page.wait_for_url("**/design?rig=a+long+one.toml")
+    page.wait_for_selector("#sinew-peak")
+    assert page.input_value("#sinew-number-length_mm") == "100"
+    assert "nothing" in page.locator(".sinew-joints tbody tr", has_text="this joint").inner_text()
+    page.goto(shown.base + "/design?rig=none.toml")
+    page.wait_for_selector("[role=alert]:has-text('there is no none.toml')")
+    page.goto(shown.base + "/design")  # what the sliders said there, they say yet
+    page.wait_for_function("document.querySelector('#sinew-number-length_mm')?.value === '110'")
+    page.click("#sinew-reset")
 
 
 def test_a_rig_is_saved_though_its_page_is_left_at_once(opened: Open, tmp_path: Path) -> None:

@@ -141,10 +141,14 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
     page.wait_for_selector("[data-keep]")
     assert page.input_value("[data-tags]") == "tendon second"
     page.click("[data-bin]")
-    page.wait_for_url("**/runs")
-    page.wait_for_selector("[data-restore]")
+    page.wait_for_selector("text=mended lies in the bin.")
     assert not Path(lab.runs / "mended").exists()
-    page.click("[data-restore]")
+    page.get_by_role("button", name="Take it out again").click()
+    page.wait_for_selector("[data-bin]")
+    page.click("[data-bin]")
+    page.wait_for_selector("text=mended lies in the bin.")
+    page.goto(lab.base + "/runs")
+    page.click("[aria-label='Restore mended']")
     page.wait_for_selector(f"{ROWS}:has-text('mended')")
     assert Path(lab.runs / "mended" / "notes.json").exists()
 

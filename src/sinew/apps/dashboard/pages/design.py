@@ -7,13 +7,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, NamedTuple
+from urllib.parse import urlencode
 
-from nicegui import ui
+from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.pages.plan import in_words, plain_button, recall, remember, steer, why_not
 from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
@@ -25,7 +26,6 @@ _SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)
 _MOST_KEPT = 5
 _LETTERS = "ABCDE"
-_KEEP, _SAVING = "sinew-design", "sinew-design-saving"
 _TICK_S, _AWAITED_S = 0.25, 0.3
 
 
@@ -61,13 +61,18 @@ _SAVES = "The rig is being saved. Where this page is left before it is, that goe
 
 
 def add_design_page(site: Site) -> None:
-    """Serve the page for designing at /design."""
+    """Serve the page for designing at /design, from the rig that is offered first; /design?rig=NAME from another."""
 
     @ui.page("/design")
-    async def design() -> None:
+    async def design(rig: str = "") -> None:
         with framed(site, "Design", "/design"):
             heading("Design a joint")
-            sliders = _Sliders(site)
+            try:
+                sliders = _Sliders(site, rig or site.rig)
+            except SinewError as trouble:
+                ui.label(str(trouble)).props("role=alert").classes("sinew-bad")
+                ui.link("Design from the rig that is offered first", "/design")
+                return
             sliders.lay_out()
             await ui.context.client.connected()
             await sliders.begin()
@@ -96,14 +101,15 @@ class _Row:
 
 
 class _Sliders:
-    """One viewer's joint while it is designed."""
+    """One viewer's joint while it is designed. name: of the rig that it is designed from. Raises SpecError."""
 
-    def __init__(self, site: Site) -> None:
-        self._site = site
-        self._rig_toml = site.rig_text(site.rig)
+    def __init__(self, site: Site, name: str) -> None:
+        self._site, self._rig_name = site, name
+        self._rig_toml = site.rig_text(name)
         rig = parse_rig(self._rig_toml)
-        self._ranges = _ranges(rig)
-        self._built, self._rig_name = _sizes(rig), rig.name
+        self._ranges, self._built = _ranges(rig), _sizes(rig)
+        of_rig = "" if name == site.rig else f" {name}"
+        self._kept_as, self._saving_as = f"sinew-design{of_rig}", f"sinew-design-saving{of_rig}"
         self._as_built = _Joint("as built", dict(self._built), 1)
         self._now = _Joint("this joint", dict(self._built), 0)
         self._kept: list[_Joint] = []
@@ -120,7 +126,11 @@ class _Sliders:
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
         with ui.element("div").classes("sinew-grid"):
-            with card(f"Joint (as built: the rig {self._rig_name})", 4):
+            with card("Joint", 4):
+                self._rigs = ui.select(
+                    {self._rig_name: self._rig_name}, value=self._rig_name, label="Rig as built", on_change=self._go_to
+                )
+                self._rigs.props("outlined dense").classes("w-full")
                 for key, size in self._ranges.items():
                     self._slider(key, size)
                 with ui.element("div").classes("sinew-row"):
@@ -193,7 +203,7 @@ class _Sliders:
 
     async def begin(self) -> None:
         """Show the joint that was designed here last, else the rig as built, with the curves that are known."""
-        kept = await recall(_KEEP)
+        kept = await recall(self._kept_as)
         known = _values_of(kept, self._built, self._ranges)
         if known:
             self._now.values = known[0]
@@ -207,6 +217,7 @@ class _Sliders:
             joint.is_fine = joint.found is not None
         self._draw()
         self._tabulate()
+        await self._list_rigs()
         ui.timer(0.0, self._save_what_was_left, once=True)
         if self._now.found is None:
             await self._change()
@@ -224,6 +235,19 @@ class _Sliders:
         for joint in joints[1:]:
             if joint.found is None or joint.found.get("is_shipped"):
                 await self._finish(joint)
+
+    async def _list_rigs(self) -> None:
+        """Offer what is on the shelf of rigs now."""
+        try:
+            shelves = await self._site.work.call("shelf", str(self._site.runs))
+        except SinewError:  # what was offered stays; a rig is not needed to move a slider
+            return
+        rigs = {self._rig_name: self._rig_name, self._site.rig: self._site.rig}
+        self._rigs.set_options(rigs | in_words(shelves["rigs"], self._site.rig), value=self._rig_name)
+
+    def _go_to(self, event: events.ValueChangeEventArguments[str]) -> None:
+        if event.value != self._rig_name:
+            ui.navigate.to("/design" if event.value == self._site.rig else f"/design?{urlencode({'rig': event.value})}")
 
     def _await(self, *, is_outdated: bool) -> None:
         """Count from now on, where nothing is counted yet, how long a sketch is waited for."""
@@ -267,7 +291,7 @@ class _Sliders:
         if set(changed) - {"pretension_mm"}:
             self._suggestion.set_text("")
             self._use.set_visibility(False)
-        remember(_KEEP, [one.values for one in (self._now, *self._kept)])
+        remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
         if changed == [_DRAWN_ONLY]:
             self._draw()
         else:
@@ -391,7 +415,7 @@ class _Sliders:
         self._note_kept()
 
     def _note_kept(self) -> None:
-        remember(_KEEP, [one.values for one in (self._now, *self._kept)])
+        remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
         self._draw()
         self._tabulate()
 
@@ -468,7 +492,7 @@ class _Sliders:
 
     async def _save_what_was_left(self) -> None:
         """Save the rig whose saving was under way when this browser left the page."""
-        told = await recall(_SAVING)
+        told = await recall(self._saving_as)
         if isinstance(told, dict) and isinstance(told.get("name"), str):
             await self._put_on_shelf(told["name"], _values_of([told], self._built, self._ranges)[0])
 
@@ -479,17 +503,18 @@ class _Sliders:
         """
         self._saved.set_text(_SAVES)
         self._save.props("data-operator=busy")
-        remember(_SAVING, {"name": name, **values})
+        remember(self._saving_as, {"name": name, **values})
         made = await self._rig(name, values)
         if self._saved.is_deleted:
             return
-        remember(_SAVING, None)
+        remember(self._saving_as, None)
         if made is not None:
             told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
             answer = await steer("shelve", told)
             self._replacing = made[0] if answer.get("exists") else None
             unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
             self._saved.set_text(answer.get("sentence") or unknown)
+            await self._list_rigs()
         self._save.props("data-operator=ready")
 
     async def _download(self) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 import time
+import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
@@ -107,11 +108,14 @@ class _Desk:
         await self._take(self._plan)
 
     def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
-        rigs = {row["name"]: row["name"] for row in shelves["rigs"]} | {self._rig: self._rig}
+        rigs = {self._rig: self._rig} | in_words(shelves["rigs"], self._rig)
         name = self._run_name(self._plan)
         letters: Any = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
         self._plans = ui.select(
-            _plans_in_words(shelves), value=self._plan, label="Begin with the plan", on_change=self._change_plan
+            in_words(shelves["plans"], _QUICK_PLAN),
+            value=self._plan,
+            label="Begin with the plan",
+            on_change=self._change_plan,
         )
         rig = ui.select(rigs, value=self._rig, label="Rig", on_change=self._change_rig)
         self._run = ui.input("Name of the run's folder", value=name, validation=letters)
@@ -164,14 +168,25 @@ class _Desk:
 
     def _tell_state(self) -> None:
         is_changed, own = self._text.value != self._shelved, _is_own(self._plan)
-        where = f"{self._plan} on the shelf" if own else f"the plan {self._plan} that ships with Sinew"
+        name = self._plan.removesuffix(".toml")
+        where = f"{name} on the shelf" if own else f"the plan {name} that ships with Sinew"
         if is_changed:
             self._state.set_text(f"Changed: this browser keeps it, {where} is as it was.")
         else:
-            self._state.set_text(f"{'Saved' if own else 'Unchanged'}: as {where}.")
+            said = self._name_in_text() if own else name
+            called = "" if said == name else f" Its runs are listed as {said}, the name in its text."
+            self._state.set_text(f"{'Saved' if own else 'Unchanged'}: as {where}.{called}")
         self._state.classes(replace="sinew-warn" if is_changed else "sinew-soft")
         self._delete.props(f"data-operator={'ready' if own else 'no'}")
         self._discard.props(remove="disabled") if is_changed else self._discard.props("disabled")
+
+    def _name_in_text(self) -> str:
+        """Return what the text calls its plan, or what the shelf does where it does not say."""
+        name = self._plan.removesuffix(".toml")
+        try:
+            return str(tomllib.loads(self._text.value).get("name", name))
+        except tomllib.TOMLDecodeError:
+            return name
 
     async def _check(self) -> None:
         """Say what is wrong with the plan, or preview it, once nobody has typed for a moment."""
@@ -342,7 +357,8 @@ class _Desk:
             await self._reload(file)
 
     def _ask_to_delete(self) -> None:
-        self._question.set_text(f"Delete {self._plan} from the shelf? It cannot be brought back.")
+        name = self._plan.removesuffix(".toml")
+        self._question.set_text(f"Delete {name} from the shelf? It cannot be brought back.")
         self._sure.open()
 
     async def _unshelve(self) -> None:
@@ -359,7 +375,7 @@ class _Desk:
             ui.notify(str(trouble), type="negative")
             return
         self._plan = name
-        self._plans.set_options(_plans_in_words(shelves), value=name)
+        self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=name)
         await self._take(name)
 
 
@@ -397,11 +413,10 @@ def _is_file_name(name: str | None) -> bool:
     return is_run_name((name or "").strip().replace(" ", "_"))
 
 
-def _plans_in_words(shelves: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
-    # The lab's own first, then a first look, then by name.
-    plans = sorted(shelves["plans"], key=lambda row: (row["shipped"], row["name"] != _QUICK_PLAN, row["name"]))
+def in_words(shelf: Sequence[dict[str, Any]], first: str) -> dict[str, str]:
+    """Return what a list calls a shelf's rigs or plans, by their names: the lab's own, then `first`, then the rest."""
     words = {}
-    for row in plans:
+    for row in sorted(shelf, key=lambda row: (row["shipped"], row["name"] != first, row["name"])):
         name, about = row["name"].removesuffix(".toml"), [row["about"]] if row["about"] else []
         told = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
         words[row["name"]] = f"{name} ({told})" if told else name

@@ -488,9 +488,20 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
 
     async def put_away() -> None:
         if await _command("bin", name=name):
-            ui.navigate.to("/runs")
+            about.clear()
+            with about:
+                ui.label(f"{name} lies in the bin.").props("role=status")
+                with ui.element("div").classes("sinew-row"):
+                    plain_button("Take it out again", "", restore, needs_operator=True).props("data-restore")
+                    ui.link("All runs", "/runs")
+                    why_not()
+            await changed()
 
-    with card(f"About {name}", 6):
+    async def restore() -> None:
+        if await _command("restore", name=name):
+            ui.navigate.to(_address([name]))
+
+    with card(f"About {name}", 6), ui.element("div").classes("sinew-stack") as about:
         ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
             to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")

@@ -501,7 +501,9 @@ def _row(kind: Shelf, name: str, runs: Path | str | None, shipped: bool) -> dict
 def _rig_in_words(rig: RigSpec) -> str:
     length, diameter = (1e3 * one.value for one in (rig.silicone.length, rig.silicone.diameter))
     known = "calibrated with intervals" if rig.calibration is not None else "no intervals"
-    return f"{rig.tendons.count} tendons, silicone of {length:.3g} by {diameter:.3g} mm, {known}"
+    cast = rig.space.rest_bend_deg if rig.space is not None else 0.0
+    bend = f" cast with a bend of {cast:g}°" if cast else ""
+    return f"{rig.tendons.count} tendons, silicone of {length:.3g} by {diameter:.3g} mm{bend}, {known}"
 
 
 def _plan_in_words(plan: Plan) -> str:
