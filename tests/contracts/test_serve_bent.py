@@ -54,9 +54,9 @@ def begin(tmp_path: Path) -> "Iterator[Callable[..., tuple[Served, Commands]]]":
         one.__exit__(None, None, None)
 
 
-def started(served: Served, name: str, text: str) -> dict[str, object]:
+def started(served: Served, name: str, text: str, rig: str = RIG) -> dict[str, object]:
     """Have an operator start a plan, and return what is answered."""
-    answer = served.operator().says("start", name=name, plan=text, rig=RIG)
+    answer = served.operator().says("start", name=name, plan=text, rig=rig)
     return dict(answer.json())
 
 
@@ -149,12 +149,32 @@ def test_an_emergency_while_the_bench_is_begun_anew_ends_the_run_and_asks_no_por
     assert served.bench.stops == []
 
 
-def test_an_emulated_rig_without_masses_is_not_bent(
-    begin: Callable[..., tuple[Served, Commands]], tmp_path: Path
-) -> None:
-    (tmp_path / "light.toml").write_text(dump_rig(load_rig("paper").model_copy(update={"space": None})))
-    served, commands = begin(rig=str(tmp_path / "light.toml"))
-    said = started(served, "one", bent())
+def test_the_emulated_bench_plays_the_rig_of_the_run(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, commands = begin()
+    rig = load_rig("paper")
+    length = rig.silicone.length.model_copy(update={"value": 0.091})
+    short = rig.model_copy(update={"name": "short", "silicone": rig.silicone.model_copy(update={"length": length})})
+    for name in ("one", "two"):
+        started(served, name, plan(), dump_rig(short))
+        until(lambda: served.runs_as("running"))
+        over(served)
+    words = commands.last("emulate")
+    assert load_rig(words[words.index("--rig") + 1]) == short
+    assert [words[0] for words in commands.words].count("emulate") == 2  # the second run found it there
+    emulator = served.steward._emulator
+    assert emulator is not None
+    other = type(emulator)(served.runs / ".bench", commands)
+    assert other.open("paper", 0)
+    assert other.spec == short
+    started(served, "three", plan())
+    until(lambda: served.runs_as("running"))
+    words = commands.last("emulate")
+    assert load_rig(words[words.index("--rig") + 1]) == rig
+
+
+def test_an_emulated_rig_without_masses_is_not_bent(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, commands = begin()
+    said = started(served, "one", bent(), dump_rig(load_rig("paper").model_copy(update={"space": None})))
     assert (said["ok"], "has no [space]" in str(said["sentence"])) == (False, True)
     assert FLAG not in commands.last("emulate")
 

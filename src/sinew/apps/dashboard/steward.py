@@ -53,7 +53,8 @@ from sinew.apps.dashboard.work.runs import (
     take_off_shelf,
 )
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.plan.toml import load_rig
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_rig, load_rig
 
 # The dashboard gets an emulated bench to play with, or finds the one that a steward before it began.
 
@@ -61,20 +62,23 @@ _READY_S = 90.0
 _ANEW_S = 180.0  # until its port is there, on a busy computer; in space there is a quarter of a minute to compile
 _END_S = 5.0
 _PID, _RIG, _LOG = "emulator.pid", "rig", "emulator.log"
+_PLAYED = "played.toml"
 _IN_SPACE = "--in-space"
 
 
 class BenchEmulator:
     """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json).
 
-    is_in_space: whether it plays a head with mass, that bends and sways; a second of it costs thirty times as much, so
-    it is begun where a plan bends.
+    spec: the rig that it plays. is_in_space: whether it plays a head with mass, that bends and sways; a second of it
+    costs thirty times as much, so it is begun where a plan bends.
     """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
         self._folder, self._command = folder, command
         self._process: Process | None = None
         self._announced: IO[bytes] | None = None
+        self._served = ""  # the rig that it is to play where no run asks for another
+        self.spec: RigSpec | None = None
         self.is_in_space = False
 
     @property
@@ -96,9 +100,10 @@ class BenchEmulator:
         """Begin the emulator, or take over one that is there; return whether it was there.
 
         rig: TOML file or name. Its port is there after a while, see `await_ready`; meanwhile the pages are begun.
-        Raises FileError where one that is there plays another rig.
+        Raises FileError where one that is there is to play another rig.
         """
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._served, self.spec = rig, load_rig(rig)
         self._process = self._found(rig)
         if self._process is not None:
             return True
@@ -124,15 +129,16 @@ class BenchEmulator:
         self.close()
         raise FileError(f"the emulator does not get ready: {self.last_words()}; see {self._folder / _LOG}")
 
-    def change(self, rig: str, seed: int, *, in_space: bool) -> None:
-        """End the emulator and begin one whose head bends and sways, or only turns; its port is there after a while.
+    def change(self, spec: RigSpec, seed: int, *, in_space: bool) -> None:
+        """End the emulator and begin one that plays a rig whose head bends and sways, or only turns.
 
-        Raises OSError where there can be no process.
+        Its port is there after a while. Raises OSError where there can be no process.
         """
         self.close()
         self._clear_link()
-        self.is_in_space = in_space
-        self._begin(rig, seed, subprocess.DEVNULL)
+        self.spec, self.is_in_space = spec, in_space
+        (self._folder / _PLAYED).write_text(dump_rig(spec), encoding="utf-8")
+        self._begin(str(self._folder / _PLAYED), seed, subprocess.DEVNULL)
 
     def last_words(self) -> str:
         """Return what it said last."""
@@ -150,14 +156,16 @@ class BenchEmulator:
         if process is None or not Path(self.port).exists():
             return None
         told = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""
-        playing, _, how = told.partition("\n")
-        self.is_in_space = how == _IN_SPACE
-        if playing != rig:
+        served, *how = told.splitlines() or [""]
+        if served != rig:
             process.close()
             raise FileError(
-                f"an emulator plays the rig {playing} on {self.port} already, expected {rig}; "
-                f"serve with --rig {playing}, or end process {process.pid}"
+                f"an emulator plays the rig {served} on {self.port} already, expected {rig}; "
+                f"serve with --rig {served}, or end process {process.pid}"
             )
+        self.is_in_space = _IN_SPACE in how
+        if _PLAYED in how:
+            self.spec = load_rig(self._folder / _PLAYED)
         return process
 
     def _clear_link(self) -> None:
@@ -180,7 +188,8 @@ class BenchEmulator:
             )
         self._process = process
         run_desk.write_pid(self._folder / _PID, process.pid)
-        (self._folder / _RIG).write_text("\n".join([rig, *([_IN_SPACE] if self.is_in_space else [])]), encoding="utf-8")
+        how = [*([_IN_SPACE] if self.is_in_space else []), *([_PLAYED] if rig != self._served else [])]
+        (self._folder / _RIG).write_text("\n".join([self._served, *how]), encoding="utf-8")
         return process
 
 
@@ -577,6 +586,12 @@ class Steward:
         """The port of the bench, or None where there is none."""
         return self._emulator.port if self._emulator is not None else self.settings.port
 
+    @property
+    def _bench_spec(self) -> RigSpec:
+        """The rig of the run under way or the last one, else the one that is emulated or served."""
+        played = self._emulator.spec if self._emulator is not None else None
+        return self._desk.spec or played or self._spec
+
     def status(self, asking: str | None) -> dict[str, Any]:
         """Return what is going on, as seen by the ticket `asking`."""
         self.operators.see(asking)
@@ -634,7 +649,8 @@ class Steward:
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun anew where the run needs a head that bends, or no longer does; the run waits for it.
+        An emulated one is begun anew where it plays another rig than the run's, or the run needs a head that bends, or
+        no longer does; the run waits for it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
@@ -643,18 +659,18 @@ class Steward:
         emulator = self._emulator
         if emulator is None:
             return Way(self.port)
-        if specs.sways == emulator.is_in_space:
+        if specs.sways == emulator.is_in_space and specs.rig == emulator.spec:
             if not emulator.is_there:
                 raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
             return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
-        if specs.sways and self._spec.space is None:
+        if specs.sways and specs.rig.space is None:
             raise RefusedError(
                 409,
-                f"the emulated rig {self.settings.rig} has no [space], so its head cannot bend; serve one that has the "
+                f"the rig {specs.rig.name} has no [space], so its emulated head cannot bend; choose one that has the "
                 "masses of head and lever",
             )
         try:
-            emulator.change(self.settings.rig, self.settings.seed, in_space=specs.sways)
+            emulator.change(specs.rig, self.settings.seed, in_space=specs.sways)
         except OSError as trouble:
             raise RefusedError(409, f"the emulator cannot be begun anew: {trouble.strerror or trouble}") from trouble
         return Way(self.port, _ANEW_S)
@@ -667,8 +683,7 @@ class Steward:
         if command not in ("hold", "release", "stop") or not self._desk.is_idle or self.port is None:
             return self._desk.tell(command)
         state = None if command == "stop" else command
-        spec = self._desk.spec or self._spec
-        outcome = self._emergency.order(None, self.port, spec, state, is_emergency=False).end.result()
+        outcome = self._emergency.order(None, self.port, self._bench_spec, state, is_emergency=False).end.result()
         if not outcome.is_safe:
             raise RefusedError(409, outcome.sentence)
         return outcome.sentence
@@ -678,7 +693,7 @@ class Steward:
         run = self._desk.alarm()
         # Of an emulated bench that is being begun anew no motor moves, and there is none to be told anything.
         is_there = self._emulator is None or self._emulator.is_ready or not self._emulator.is_there
-        return self._emergency.order(run, self.port if is_there else None, self._desk.spec or self._spec)
+        return self._emergency.order(run, self.port if is_there else None, self._bench_spec)
 
     def emergency(self) -> Awaitable[Outcome]:
         """Bring the bench to rest at once; to be awaited until the motors stand still."""
