@@ -473,6 +473,13 @@ def test_a_joint_is_designed_from_a_rig_of_the_labs_own(opened: Open, shown: Ser
     page.wait_for_selector("#sinew-peak")
     assert page.input_value("#sinew-number-length_mm") == "100"
     assert "nothing" in page.locator(".sinew-joints tbody tr", has_text="this joint").inner_text()
+    page.goto(shown.base + "/plan?rig=a+long+one.toml")
+    page.wait_for_selector(".sinew-fields:has-text('a long one (yours')")
+    page.get_by_label("Rig", exact=True).click()
+    page.get_by_role("option", name="curved (").click()
+    page.wait_for_selector(".sinew-fields:has-text('curved (')")
+    page.goto(shown.base + "/plan")
+    page.wait_for_selector(".sinew-fields:has-text('curved (')")
     page.goto(shown.base + "/design?rig=none.toml")
     page.wait_for_selector("[role=alert]:has-text('there is no none.toml')")
     page.goto(shown.base + "/design")  # what the sliders said there, they say yet

@@ -595,7 +595,7 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
         left = math.exp(-decay * sweep.longest_settle_s)
         if left > _TRANSIENT_LEFT and sweep.drive == "lever":  # how fast a bending dies is not known here
             enough = (
-                f"{-math.log(_TRANSIENT_LEFT) / decay:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
+                f"{math.ceil(-10 * math.log(_TRANSIENT_LEFT) / decay) / 10:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
                 if decay > 0
                 else "nothing damps it"
             )

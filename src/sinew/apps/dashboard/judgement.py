@@ -23,6 +23,7 @@ LEAST_SHARE, LEAST_LAG_DEG = 0.10, 10.0
 
 _BEYOND = 0.01  # of a frequency: how far outside a predicted curve its end still counts
 _PLAINLY = 10.0  # times its uncertainty: from here on a tenth of it tells nothing
+_FAR = 100.0  # times: so far off that the interval, of few repeats, is to be doubted before the number
 _UNITS = {"gain": "", "phase": "°"}
 
 
@@ -111,6 +112,8 @@ def _in_words(what: str, off: float, predicted: float, half: float) -> str:
     if not half > 0:
         return typeset(by)
     times = abs(off) / half
+    if times > _FAR:
+        return typeset(f"{by}, more than {_FAR:g} times its uncertainty")
     return typeset(f"{by}, {times:.{0 if times >= _PLAINLY else 1}f} of its uncertainty")
 
 

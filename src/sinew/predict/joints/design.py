@@ -205,8 +205,13 @@ def _put(data: dict[str, Any], dotted: str, value: float, note: str) -> None:
         raise SpecError(f"{dotted} would be {value:g} {row['unit']}, expected a positive number")
     low, high = row["bounds"]
     row |= {
-        "value": value,
+        "value": _plain(value),
         "origin": "assumed",
-        "bounds": (min(low, value / _ROOM), max(high, value * _ROOM)),
+        "bounds": (_plain(min(low, value / _ROOM)), _plain(max(high, value * _ROOM))),
         "note": note,
     }
+
+
+def _plain(value: float) -> float:
+    """Return a value as somebody would write it: 0.08, where a sum of lengths says 0.07999999999999999."""
+    return float(f"{value:.12g}")

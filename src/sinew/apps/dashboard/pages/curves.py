@@ -175,10 +175,12 @@ def options_of(
     """
     series: list[dict[str, Any]] = []
     points = sum(not curve.is_line for curve in curves)
+    numbers = [place if curve.number is None else curve.number for place, curve in enumerate(curves)]
+    has_marks = max(numbers, default=0) >= len(_DASHES)  # where colour and dash do not tell them apart
     for place, curve in enumerate(curves):
         # Of points at one place the first are the largest, so that none hides another.
         size = 8 + 2 * min(2, max(0, points - 1 - place))
-        series += _series(curve, place if curve.number is None else curve.number, size)
+        series += _series(curve, numbers[place], size, has_marks)
     if marked is not None:
         line = {"silent": True, "symbol": "none", "lineStyle": {"color": "var(--ink)", "type": "dashed"}}
         line["label"] = {"formatter": f"wanted {marked:g}", "color": "var(--ink)", "textBorderWidth": 0}
@@ -255,7 +257,7 @@ def style_of(number: int) -> tuple[str, str | list[int], str]:
     )
 
 
-def _series(curve: Curve, number: int, size: int) -> list[dict[str, Any]]:
+def _series(curve: Curve, number: int, size: int, has_marks: bool) -> list[dict[str, Any]]:
     colour, dash, symbol = style_of(number)
     points = [[x, y] for x, y in zip(curve.x, curve.y, strict=True)]
     style = {"color": colour}
@@ -300,7 +302,7 @@ def _series(curve: Curve, number: int, size: int) -> list[dict[str, Any]]:
             made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": pattern}, "z": 2})
     places = [round((i + 0.5) * len(points) / _MARKERS_ON_LINE) for i in range(_MARKERS_ON_LINE)]
     places = [place for place in places if 0 < place < len(points) and points[place][1] is not None]
-    if places:
+    if has_marks and places:
         spots = [points[place] for place in places]
         marker = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "data": spots}
         made.append({**marker, "itemStyle": hollow, "silent": True, "z": 2})

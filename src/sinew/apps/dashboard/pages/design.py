@@ -14,7 +14,7 @@ from nicegui import events, ui
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import in_words, plain_button, recall, remember, steer, why_not
+from sinew.apps.dashboard.pages.plan import SHELF_NAME, in_words, plain_button, recall, remember, say, steer, why_not
 from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
@@ -149,6 +149,8 @@ class _Sliders:
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
                 self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
+                self._plan_it = ui.link("Plan a run with it", "/plan")
+                self._plan_it.set_visibility(False)
             with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12) as gain:
                     self._waiting = empty("").props("id=sinew-compiling role=timer")
@@ -360,7 +362,7 @@ class _Sliders:
         try:
             joint.found = await self._curves_of(joint.values, "design_curves")
         except SinewError as trouble:
-            ui.notify(str(trouble), type="negative")
+            say(str(trouble))
             return
         joint.is_fine = True
         if not self._table.is_deleted:
@@ -401,7 +403,7 @@ class _Sliders:
 
     async def _pin(self) -> None:
         if len(self._kept) >= _MOST_KEPT:
-            ui.notify(f"{_MOST_KEPT} joints are kept already; remove one first.", type="warning")
+            say(f"{_MOST_KEPT} joints are kept already; remove one first.")
             return
         joint = self._pinned(self._now.values)
         if self._now.is_fine:
@@ -478,7 +480,7 @@ class _Sliders:
     async def _rig(self, name: str, values: Mapping[str, float]) -> tuple[str, str] | None:
         """Return (name of its file, text) of a joint as a rig; None where it cannot be one, which is said."""
         if not is_run_name(name.replace(" ", "_")):
-            self._saved.set_text("The rig needs a name of letters, digits, dots, dashes and spaces.")
+            self._saved.set_text(f"A rig's name takes {SHELF_NAME}.")
             return None
         try:
             text = await self._site.work.call("rig_text", self._rig_toml, self._changes(values), name)
@@ -502,6 +504,7 @@ class _Sliders:
         It alone has the leave to do so, and remembers until then what it is about.
         """
         self._saved.set_text(_SAVES)
+        self._plan_it.set_visibility(False)
         self._save.props("data-operator=busy")
         remember(self._saving_as, {"name": name, **values})
         made = await self._rig(name, values)
@@ -514,6 +517,8 @@ class _Sliders:
             self._replacing = made[0] if answer.get("exists") else None
             unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
             self._saved.set_text(answer.get("sentence") or unknown)
+            self._plan_it.props(f'href="/plan?{urlencode({"rig": made[0]})}"')
+            self._plan_it.set_visibility(bool(answer.get("ok")))
             await self._list_rigs()
         self._save.props("data-operator=ready")
 
@@ -535,10 +540,10 @@ def _sizes(rig: RigSpec) -> dict[str, float]:
     """Return where the sliders begin: at the rig that is offered first."""
     limits = _ranges(rig)["pretension_mm"]
     return {
-        "length_mm": round(1e3 * rig.silicone.length.value, 1),
-        "outer_mm": round(1e3 * rig.silicone.diameter.value * 2) / 2,
-        "tendon_circle_mm": round(1e3 * rig.tendons.head_radius.value * 2) / 2,
-        "lever_g_m2": round(1e3 * rig.inertia.lever.value, 1),
+        "length_mm": round(1e3 * rig.silicone.length.value, 3),
+        "outer_mm": round(1e3 * rig.silicone.diameter.value, 3),
+        "tendon_circle_mm": round(1e3 * rig.tendons.head_radius.value, 3),
+        "lever_g_m2": round(1e3 * rig.inertia.lever.value, 3),
         "pretension_mm": min(max(4.0, limits.low), limits.high),
         "amplitude_deg": 20.0,
         "wanted_hz": 3.6,

@@ -25,22 +25,25 @@ from sinew.plan.toml import MOST_CHARACTERS, parse_plan
 _TYPING_S = 0.4
 _ANSWER_S = 10.0
 _FIRST_PLAN, _QUICK_PLAN = "first", "quick"
-_ANEW = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
+_BENDS = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
+_ANEW = "The emulated bench is begun anew as this rig, where it plays another: that takes some seconds."
 _AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
 _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
+_RUN_NAME = "up to 80 letters, digits, dots, dashes and underscores, a letter or digit first"
+SHELF_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
 _GROUPS = {"steady": "swing", "ring-down": "decay", "idle": "rest", "tracking": "tracking"}
 
 
 def add_plan_page(site: Site) -> None:
-    """Serve the page on which a run is prepared, at /plan."""
+    """Serve the page on which a run is prepared, at /plan; /plan?rig=NAME chooses the rig."""
 
     @ui.page("/plan")
-    async def plan() -> None:
+    async def plan(rig: str = "") -> None:
         with framed(site, "Plan", "/plan"):
             ui.add_body_html(f'<script type="module" src="/sinew/plan.js?{site.version}"></script>')
             heading("Plan a run")
-            desk = _Desk(site)
+            desk = _Desk(site, rig)
             desk.lay_out()
             await ui.context.client.connected()
             await desk.begin()
@@ -49,10 +52,11 @@ def add_plan_page(site: Site) -> None:
 class _Desk:
     """One viewer's plan while it is prepared."""
 
-    def __init__(self, site: Site) -> None:
-        self._site = site
+    def __init__(self, site: Site, rig: str) -> None:
+        self._site, self._asked_rig = site, rig
         self._rig = site.rig
-        self._plan = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
+        self._first = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
+        self._plan = self._first
         self._shelved = ""  # the plan's text as it is on the shelf
         self._drafts: dict[str, str] = {}  # by plan: texts that differ from the shelf's; the browser keeps them, too
         self._replacing: str | None = None  # what the next saving may take the place of
@@ -80,7 +84,7 @@ class _Desk:
                     self._text = ui.codemirror(language="TOML", indent="  ", on_change=self._edited)
                 self._state = ui.label().props("id=sinew-plan-state role=status").classes("sinew-soft")
                 with ui.element("div").classes("sinew-row"):
-                    self._name = ui.input("Name on the shelf", validation={"letters, digits and . _ -": _is_file_name})
+                    self._name = ui.input("Name on the shelf", validation={SHELF_NAME: _is_file_name})
                     self._name.props("outlined dense for=sinew-plan-name")
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
                     self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
@@ -99,18 +103,20 @@ class _Desk:
 
     async def begin(self) -> None:
         """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
-        self._drafts, chosen = _texts(await recall(_DRAFTS))
+        self._drafts, chosen, rig = _texts(await recall(_DRAFTS))
         shelves = await self._site.work.call("shelf", str(self._site.runs))
         if chosen is not None and chosen in {row["name"] for row in shelves["plans"]}:
             self._plan = chosen
+        shelf = {row["name"] for row in shelves["rigs"]}
+        self._rig = next((one for one in (self._asked_rig, rig) if one is not None and one in shelf), self._rig)
         with self._choice:
             self._choose(shelves)
         await self._take(self._plan)
 
     def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
-        rigs = {self._rig: self._rig} | in_words(shelves["rigs"], self._rig)
+        rigs = {self._site.rig: self._site.rig} | in_words(shelves["rigs"], self._site.rig)
         name = self._run_name(self._plan)
-        letters: Any = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
+        letters: Any = {_RUN_NAME: is_run_name}
         self._plans = ui.select(
             in_words(shelves["plans"], _QUICK_PLAN),
             value=self._plan,
@@ -137,7 +143,7 @@ class _Desk:
         try:
             text = await self._site.work.call("read_shelf", "plans", name, str(self._site.runs))
         except SinewError as trouble:
-            ui.notify(str(trouble), type="negative")
+            say(str(trouble))
             return
         self._plan, self._shelved = name, text
         if self._run.value == self._suggested:
@@ -153,6 +159,7 @@ class _Desk:
 
     async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
+        self._remember()
         await self._check()
 
     async def _edited(self) -> None:
@@ -162,9 +169,12 @@ class _Desk:
             self._drafts[self._plan] = self._text.value
         while len(self._drafts) > _MOST_DRAFTS:
             del self._drafts[next(iter(self._drafts))]
-        remember(_DRAFTS, {"plan": self._plan, "drafts": self._drafts})
+        self._remember()
         self._tell_state()
         await self._check()
+
+    def _remember(self) -> None:
+        remember(_DRAFTS, {"plan": self._plan, "rig": self._rig, "drafts": self._drafts})
 
     def _tell_state(self) -> None:
         is_changed, own = self._text.value != self._shelved, _is_own(self._plan)
@@ -297,8 +307,8 @@ class _Desk:
             if pose:
                 bent = f"The head is bent by {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
                 ui.label(f"{bent}; its largest torsion is not foretold.").props("id=sinew-pose")
-                if self._site.bench == "emulator":
-                    ui.label(_ANEW).classes("sinew-soft")
+            if self._site.bench == "emulator" and (pose or self._rig != self._site.rig):
+                ui.label(_BENDS if pose else _ANEW).classes("sinew-soft")
             twists = {row["pretension_mm"]: f"{row['torsion_deg']:.0f}" for row in found["torsion"]}
             rows = [
                 {
@@ -328,12 +338,12 @@ class _Desk:
         if self._toml is None:
             return
         if not is_run_name(self._run.value):
-            ui.notify("The run's folder needs a name.", type="negative")
+            say(f"A run's folder takes {_RUN_NAME}.")
             return
         try:
             rig = self._site.rig_text(self._rig)
         except SinewError as trouble:
-            ui.notify(str(trouble), type="negative")
+            say(str(trouble))
             return
         asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
@@ -342,7 +352,7 @@ class _Desk:
         """Have the operator's browser put the plan on the shelf; over another one only when asked a second time."""
         name, text = self._name.value.strip(), self._text.value
         if not _is_file_name(name):
-            ui.notify("The plan needs a name on the shelf.", type="negative")
+            say(f"A plan's name on the shelf takes {SHELF_NAME}.")
             return
         file = f"{name.removesuffix('.toml')}.toml"
         told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
@@ -365,14 +375,14 @@ class _Desk:
         self._sure.close()
         if (await steer("unshelve", {"shelf": "plans", "name": self._plan})).get("ok"):
             self._drafts.pop(self._plan, None)
-            await self._reload(_FIRST_PLAN)
+            await self._reload(self._first)
 
     async def _reload(self, name: str) -> None:
         """Offer what is on the shelf now, and take a plan of it."""
         try:
             shelves = await self._site.work.call("shelf", str(self._site.runs))
         except SinewError as trouble:  # what was done on the shelf is done; the list here is as it was
-            ui.notify(str(trouble), type="negative")
+            say(str(trouble))
             return
         self._plan = name
         self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=name)
@@ -392,6 +402,11 @@ def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False
 def why_not() -> None:
     """Leave place for why the buttons beside it are not for this page's viewer; steering.js fills it."""
     ui.element("span").classes("sinew-why-not sinew-soft")
+
+
+def say(sentence: str) -> None:
+    """Tell this browser's user of something that went wrong, where steering says such things."""
+    ui.run_javascript(f"Sinew.say({json.dumps(sentence)}, 'bad')")
 
 
 async def steer(command: str, told: dict[str, Any]) -> dict[str, Any]:
@@ -429,12 +444,13 @@ def _groups_in_words(plan: Plan) -> str:
     return ", ".join(f"{count} {_GROUPS.get(kind, kind)}{'s' * (count != 1)}" for kind, count in counts.items())
 
 
-def _texts(kept: Any) -> tuple[dict[str, str], str | None]:
-    """Return (drafts by plan, the plan that was chosen last) of what a browser keeps, whatever that is."""
+def _texts(kept: Any) -> tuple[dict[str, str], str | None, str | None]:
+    """Return (drafts by plan, plan and rig that were chosen last) of what a browser keeps, whatever that is."""
     try:
-        return {str(name): str(text) for name, text in kept["drafts"].items()}, str(kept["plan"])
+        drafts = {str(name): str(text) for name, text in kept["drafts"].items()}
+        return drafts, str(kept["plan"]), str(kept["rig"])
     except (TypeError, KeyError, AttributeError):
-        return {}, None
+        return {}, None, None
 
 
 async def recall(name: str) -> Any:

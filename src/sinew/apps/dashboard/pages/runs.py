@@ -109,7 +109,7 @@ class _List:
             if self._opened:
                 ui.label("Open others").props("role=heading aria-level=2").classes("text-bold")
             self._field = ui.input("Search: words, f_r>3.2 pretension=6 tag:aged begin>=2026-03", value=self._search)
-            self._field.props("outlined dense clearable type=search debounce=300 id=sinew-search maxlength=500")
+            self._field.props("outlined dense clearable type=search debounce=300 for=sinew-search maxlength=500")
             self._field.classes("w-full")
             self._said = (
                 ui.label("The runs are being listed …").props("role=status id=sinew-found").classes("sinew-soft")
@@ -361,7 +361,8 @@ def trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
                 Curve(f"{one['title']}, line", days, line["value"], line["low"], line["high"], True, number=place)
             )
     options = options_of("gain", curves, "")
-    options["xAxis"] = {**options["xAxis"], "type": "time", "axisLabel": {"color": "var(--soft)"}}
+    dates = {"year": "{yyyy}", "month": "{MMM} {yyyy}", "day": "{d} {MMM}"}
+    options["xAxis"] = {**options["xAxis"], "type": "time", "axisLabel": {"color": "var(--soft)", "formatter": dates}}
     at = [_MS_OF_A_DAY * day for one in found[:_MOST_OVERLAID] for day in one["days"]]
     if max(at) - min(at) < _MS_OF_A_DAY:  # so that its axis tells days, not milliseconds
         begin, end = min(at) - _MS_OF_A_DAY, max(at) + _MS_OF_A_DAY
@@ -374,6 +375,12 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
     """Draw what some runs found. changed: is called when notes of one have changed."""
     if not names:
         empty("No run has that name.")
+        return
+    gone = [name for name in names if not (site.runs / name).is_dir()]
+    for name in gone:
+        ui.label(f"There is no run {name}: renamed, or put into the bin? It may be among all runs.").props("role=alert")
+    if not (names := [name for name in names if name not in gone]):
+        await ui.context.client.connected()
         return
     place = ui.element("div").classes("w-full")
     with place:
@@ -447,12 +454,14 @@ def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[st
     """Say of each run what it is and the numbers that one came for; the other resonances are in the table below."""
     with card("Resonance and damping", 12) as place:
         place.props("data-headline")
+        explained: set[str] = set()
         for name, results in found:
             rows = results.get("parameters", [])
             told = []
-            for one in COMMON[:2]:
+            for one in _HEADLINES:
                 unit = f" {QUANTITIES[one].unit}".rstrip()
                 if numbers := [row["estimate"] for row in rows if row["quantity"] == one]:
+                    explained.add(one)
                     told.append(f"{QUANTITIES[one].called[0]} {typeset(_shown(numbers))}{unit}")
             levels = sorted({row["pretension_mm"] for row in rows})
             where = " to ".join(f"{mm:g}" for mm in dict.fromkeys((levels[0], levels[-1]))) if levels else ""
@@ -461,13 +470,18 @@ def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[st
             if source := SOURCES.get(results.get("source") or ""):
                 rig = f", rig {about[name]['rig']}" if name in about and about[name]["rig"] else ""
                 ui.label(f"{begun(source)}{rig}.").classes("sinew-soft")
-        ui.label(_WHAT_THEY_ARE).classes("sinew-soft")
+        if explained:
+            what = "; ".join(said for one, said in _HEADLINES.items() if one in explained)
+            ui.label(f"{what}; {_HOW_TOLD}").classes("sinew-soft")
 
 
 _NOTHING = "No resonance and no damping could be told."
-_WHAT_THEY_ARE = (
-    "f_r: frequency at which torsion over commanded amplitude is largest; D: Lehr's damping, of the ring-downs; with "
-    "their 90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by "
+_HEADLINES = {
+    "resonance_hz": "f_r: frequency at which torsion over commanded amplitude is largest",
+    "damping_ratio": "D: Lehr's damping, of the ring-downs",
+}
+_HOW_TOLD = (
+    "with 90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by "
     "90° of lag, by the paper's mean of peaks, of the decay) is in What was found."
 )
 
@@ -504,7 +518,7 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
     with card(f"About {name}", 6), ui.element("div").classes("sinew-stack") as about:
         ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
-            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name")
+            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name").style("flex: 1 1 18rem")
             plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
         notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
         notes.classes("w-full")
@@ -618,7 +632,9 @@ def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> No
             for row in rows
         ]
         labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "value": "value, 90 % interval"}
-        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=12)
+        if len(found) == 1:
+            del labels["run"]
+        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=20)
         table.props("flat dense wrap-cells").classes("w-full")
 
 

@@ -21,7 +21,7 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   const isTyping = event.target.closest?.("input, textarea, select, [contenteditable]");
   if (event.key === "/" && !isTyping) {
-    const field = document.querySelector("#sinew-search input, input#sinew-search");
+    const field = document.getElementById("sinew-search");
     if (field) { event.preventDefault(); field.focus(); }
     return;
   }
