@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
 from sinew.analysis.decay.modes import Poles, split_poles
 from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, sandwich, unit_columns
+from sinew.analysis.signal.nonlinear import least_squares
 from sinew.measure.arrays import Array, Complexes
 
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
@@ -159,17 +159,10 @@ def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: li
     placed = [with_rest(model, start, y) for start in starts]
     start = min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
 
-    def deviation(p: Array) -> Array:
-        return np.nan_to_num(model.values(p) - y, nan=1e60, posinf=1e60, neginf=-1e60)
-
-    def slope(p: Array) -> Array:
-        return np.nan_to_num(model.jacobian(p), nan=0.0, posinf=0.0, neginf=0.0)
-
-    found = optimize.least_squares(
-        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=60
+    found = least_squares(model.linearise, y, start)
+    return Course(
+        model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale
     )
-    p = np.asarray(found.x)
-    return Course(model, float(t[0]), float(t[-1]), scale, p, np.asarray(found.jac), -np.asarray(found.fun) * scale)
 
 
 def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
