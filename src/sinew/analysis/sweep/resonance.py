@@ -197,47 +197,82 @@ def parameter_spread(curve: RationalCurve) -> Array:
     return np.concatenate([curve.parameters[None], curve.parameters + steps, curve.parameters - steps])
 
 
+class _Swept(NamedTuple):
+    """Curves on a fine grid of v: their size, (k, n), and response times what makes it real and positive, (k, n)."""
+
+    v: Array
+    gain: Array
+    turned: Complexes
+
+    @staticmethod
+    def of(curve: RationalCurve, parameters: Array) -> "_Swept":
+        """Return the curves of parameters (k, 8) over the window of a fit."""
+        v, w = np.linspace(curve.low, curve.high, _FINE), curve.half_width_hz / curve.centre_hz
+        numerator = (parameters[:, 2::2] + 1j * parameters[:, 3::2]) @ np.stack([np.ones_like(v), v, v**2])
+        denominator = _denominator(parameters, v, w)
+        size = denominator.real**2 + denominator.imag**2
+        gain = np.sqrt((numerator.real**2 + numerator.imag**2) / size)
+        return _Swept(v, gain, numerator * denominator.conj())
+
+    def tops(self) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return where each curve is largest, (k,), what a parabola adds to that [grid points], and its height there."""
+        rows, top = np.arange(self.gain.shape[0]), np.clip(np.argmax(self.gain, axis=1), 1, _FINE - 2)
+        before, middle, after = (self.gain[rows, top + i] for i in (-1, 0, 1))
+        bend = before - 2.0 * middle + after
+        shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
+        return top, shift, middle - 0.25 * (before - after) * shift
+
+    def widths(self, top: NDArray[np.intp], level: Array) -> Array:
+        """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
+        below, place = self.gain <= level[:, None], np.arange(_FINE)
+        left = np.where(below & (place < top[:, None]), place, -1).max(axis=1)
+        right = np.where(below & (place > top[:, None]), place, _FINE).min(axis=1)
+
+        def passage(low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
+            rows = np.arange(low.size)
+            inner, outer = self.gain[rows, high], self.gain[rows, low]
+            return np.asarray((inner - level) / (inner - outer))
+
+        known = (left >= 0) & (right < _FINE)
+        left, right = np.where(known, left, 0), np.where(known, right, _FINE - 1)
+        reach = right - left - 2.0 + passage(left, left + 1) + passage(right, right - 1)
+        return np.where(known, reach, np.nan)
+
+    def crossings(self, top: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return where the lag passes 90° nearest to the top [grid points], and by how much it grows there, (k,)."""
+        ahead = self.turned.real > 0  # a lag below 90°
+        row, at = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
+        lag, next_lag = wrapped_lag(self.turned[row, at]), wrapped_lag(self.turned[row, at + 1])
+        grown = next_lag - lag
+        nearest = np.lexsort((np.abs(at - top[row]), row))
+        nearest = nearest[grown[nearest] < 0.5 * np.pi]
+        row, first = np.unique(row[nearest], return_index=True)
+        chosen = nearest[first]
+        where, slope = np.full(top.size, np.nan), np.full(top.size, np.nan)
+        where[row] = at[chosen] + (0.5 * np.pi - lag[chosen]) / grown[chosen]
+        slope[row] = grown[chosen]
+        return where, slope
+
+
 def read_curve(curve: RationalCurve) -> tuple[Array, bool]:
     """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
     whether the curve itself has its peak inside the window."""
-    v = np.linspace(curve.low, curve.high, _FINE)
-    h = evaluate_curve(parameter_spread(curve), v, curve.half_width_hz / curve.centre_hz)
-    gain = np.abs(h)
-    rows = np.arange(gain.shape[0])
-    top = np.clip(np.argmax(gain, axis=1), 1, _FINE - 2)
-    before, middle, after = (gain[rows, top + i] for i in (-1, 0, 1))
-    bend = before - 2.0 * middle + after
-    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
-    largest = middle - 0.25 * (before - after) * shift
-    width = np.full(rows.size, np.nan)
-    crossing, slope = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
-    lag = wrapped_lag(h)
-    for row in rows:
-        level = gain[row] - largest[row] / math.sqrt(2.0)
-        left, right = _zero(-level[top[row] :: -1]), _zero(-level[top[row] :])
-        width[row] = left + right
-        passes = np.flatnonzero((lag[row, :-1] < 0.5 * np.pi) & (lag[row, 1:] >= 0.5 * np.pi))
-        passes = passes[lag[row, passes + 1] - lag[row, passes] < 0.5 * np.pi]
-        if passes.size:
-            at = int(passes[np.argmin(np.abs(passes - top[row]))])
-            crossing[row] = at + _zero(lag[row, at : at + 2] - 0.5 * np.pi)
-            slope[row] = lag[row, at + 1] - lag[row, at]
-    pitch = (v[1] - v[0]) * curve.half_width_hz
+    swept = _Swept.of(curve, parameter_spread(curve))
+    top, shift, largest = swept.tops()
+    crossing, slope = swept.crossings(top)
+    pitch = (swept.v[1] - swept.v[0]) * curve.half_width_hz
     start = curve.centre_hz + curve.low * curve.half_width_hz
-    readings = np.stack(
-        [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
-    )
-    inside = 1 < np.argmax(gain[0]) < _FINE - 2
-    return readings.T, bool(inside)
+    width = swept.widths(top, largest / math.sqrt(2.0))
+    readings = [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
+    return np.stack(readings, axis=1), bool(1 < np.argmax(swept.gain[0]) < _FINE - 2)
 
 
-def _zero(values: Array) -> float:
-    """Return the fractional index of the first passage from below to zero, NaN where there is none."""
-    above = np.flatnonzero(values >= 0)
-    if above.size == 0 or above[0] == 0:
-        return math.nan if above.size == 0 else 0.0
-    at = int(above[0])
-    return float(at - 1 - values[at - 1] / (values[at] - values[at - 1]))
+def _read_top(curve: RationalCurve) -> tuple[float, float]:
+    """Return frequency [Hz] and gain of the curve's peak."""
+    swept = _Swept.of(curve, curve.parameters[None])
+    top, shift, largest = swept.tops()
+    v = float(swept.v[0] + (swept.v[1] - swept.v[0]) * (top[0] + shift[0]))
+    return curve.centre_hz + v * curve.half_width_hz, float(largest[0])
 
 
 # The top of a response curve that no linear resonance describes is read by itself.
@@ -428,8 +463,7 @@ def _polished(peak: Peak, f: Array, h: Complexes, size: Array, angle: Array) -> 
     else:
         where, noise = (crest.frequency_hz, crest.gain), (crest.frequency_std_hz, crest.gain_std)
         curve = fit_curve(f[beside], h[beside], size[beside], angle[beside])
-        reading = np.array([peak.frequency_hz[0], peak.gain[0]]) if curve is None else read_curve(curve)[0][0, :2]
-        other = float(reading[0]), float(reading[1])
+        other = (peak.frequency_hz[0], peak.gain[0]) if curve is None else _read_top(curve)
     wide = peak.frequency_hz, peak.gain
     misfit = [math.hypot(where[i] - other[i], wide[i][1]) for i in range(2)]
     polished = [_with_misfit((where[i], noise[i], wide[i][2]), misfit[i]) for i in range(2)]
