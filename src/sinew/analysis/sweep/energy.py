@@ -1,8 +1,9 @@
 """What a swing costs, by a sweep: at resonance, against the trend off it, and where it costs least."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -128,6 +129,7 @@ _FROM_TREND = (
     "cheapest_reduction",
 )
 _NEEDED = ("drive_power_w", "drive_copper_w", "drive_mechanical_w", "drive_current_rms_a", "amplitude_rad")
+_READ = (*_NEEDED, "holding_power_w")
 
 
 def cost_of_swing(power_w: Array, frequency_hz: Array, torsion_rad: Array) -> Array:
@@ -151,7 +153,7 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
     value, std, misfit = ({name: np.full(shape, np.nan) for name in ENERGY_QUANTITIES} for _ in range(3))
     resistance = rig.drive.resistance
     for p, r in np.ndindex(*shape):
-        mine = {name: values[p, :, r] for name, values in columns.items()}
+        mine = {name: columns[name][p, :, r] for name in (*_READ, "drive_power_std_w")}
         at = float(resonance_hz[p, r])
         found = energy_of_repeat(response.frequency_hz, mine, at, resistance)
         other = energy_of_repeat(response.frequency_hz, mine, at, resistance, second=True)
@@ -227,13 +229,25 @@ class _Sweep:
     columns: Mapping[str, Array]
     second: bool = False
 
-    def at(self, name: str, where: float) -> float:
-        values = self.columns[name]
-        known = np.isfinite(values)
-        if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
-            return math.nan
+    @cached_property
+    def _curves(self) -> dict[str, Callable[[float], Array]]:
+        """Return what reads the column between the points, by its name; columns known at the same points share one."""
         curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
-        return float(curve(self.f[known], values[known])(where))
+        whole = [name for name in _READ if np.isfinite(self.columns[name]).all()]
+        together = curve(self.f, np.stack([self.columns[name] for name in whole], axis=1))
+        found: dict[str, Callable[[float], Array]] = {
+            name: lambda where, k=k: together(where)[k] for k, name in enumerate(whole)
+        }
+        for name in _READ:
+            known = np.isfinite(self.columns[name])
+            if name not in whole and known.sum() >= 4:
+                found[name] = curve(self.f[known], self.columns[name][known])
+        return found
+
+    def at(self, name: str, where: float) -> float:
+        if name not in self._curves or not self.f[0] <= where <= self.f[-1]:
+            return math.nan
+        return float(self._curves[name](where))
 
     def power(self, where: float) -> tuple[float, float, float]:
         """Return electrical power, its standard deviation, and torsion amplitude at a frequency."""
