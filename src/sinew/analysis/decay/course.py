@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _MOST_MODES = 4
 _PENCIL_SAMPLES = 6000
 _OUTSTANDING = 20.0  # power of a residual's line over the median
 _GRID = 2001
+_SEEDS = 400
 _GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
 _LOUDER, _FEWEST_LINES = 2.5, 4.0
 _LARGEST = 50.0
@@ -103,9 +104,8 @@ class Course:
         ⟨λ⟩ = -∫ dA / ∫ A dt, ⟨ω⟩ = ∫ ω A dt / ∫ A dt. Of an exponential they are its rate and frequency.
         """
         place, window = self.model.mode(mode), self.stop_s - self.start_s
-        c, s = self.parameters[place], np.linspace(low, high, _GRID)
-        functions = smooth_functions(s, c.size // 2)
-        slopes = np.gradient(functions, s, axis=0, edge_order=2)
+        c = self.parameters[place]
+        functions, slopes = _evenly(low, high, c.size // 2)
         size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
         third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
         half_swing, by_log = size * (1.0 + third * size**2), size * (1.0 + 3.0 * third * size**2)
@@ -125,6 +125,14 @@ class Course:
             gradient[0, first + 2] = (cube[0] - cube[-1] - means[0] * float(weight @ cube)) / area
             gradient[1, first + 2] = float((weight * cube) @ (omega - means[1])) / area
         return means / window, gradient / window
+
+
+@lru_cache(maxsize=16)
+def _evenly(low: float, high: float, count: int) -> tuple[Array, Array]:
+    """Return `count` smooth functions at even steps of time between two of it, and their slopes, shape (n, count)."""
+    s = np.linspace(low, high, _GRID)
+    functions = smooth_functions(s, count)
+    return functions, np.gradient(functions, s, axis=0, edge_order=2)
 
 
 def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> Course:
@@ -160,9 +168,7 @@ def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: li
     start = min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
 
     found = least_squares(model.linearise, y, start)
-    return Course(
-        model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale
-    )
+    return Course(model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale)
 
 
 def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
@@ -248,13 +254,13 @@ def smooth_course(
 
 
 def _seed_of(course: Course) -> tuple[Array, Complexes, Array]:
-    s = np.linspace(0.0, 1.0, 400)
+    s = np.linspace(0.0, 1.0, _SEEDS)
     exponent = course.at(course.start_s + s * (course.stop_s - course.start_s))
     return s, exponent, np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
 
 
 def _seed_of_fit(fit: DecayFit, scale: float) -> tuple[Array, Complexes, Array]:
-    s, p = np.linspace(0.0, 1.0, 400), fit.parameters
+    s, p = np.linspace(0.0, 1.0, _SEEDS), fit.parameters
     exponent = np.log(complex(p[2], -p[3]) / scale) + (1j * p[1] - p[0]) * s
     if fit.bending:
         exponent = exponent + (1j * p[-1] - p[-2]) * s**2

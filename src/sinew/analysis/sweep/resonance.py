@@ -8,6 +8,7 @@ largest fundamental over it (`resonance_hz`), of the largest gain by measured dr
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,12 +79,41 @@ class _Points:
     size_weight: Array
     angle_weight: Array
 
+    @cached_property
+    def under(self) -> Complexes:
+        """Return what a and b are multiplied by in the denominator, shape (n, 2)."""
+        return np.stack([np.ones_like(self.v), 1j * (1.0 + self.w * self.v)], axis=1)
+
+    @cached_property
+    def over(self) -> Complexes:
+        """Return what Re c₀, Im c₀, Re c₁, ... are multiplied by in the numerator, shape (n, 6)."""
+        powers = np.vander(self.v, 3, increasing=True)
+        return np.stack([powers, 1j * powers], axis=2).reshape(-1, 6)
+
+    @cached_property
+    def alone(self) -> Array:
+        """Return what the denominator lacks beside a and b, shape (n,)."""
+        return np.asarray(2.0 * self.v + self.w * self.v**2)
+
     def weighted(self, complexes: Complexes) -> Array:
         """Return complex differences (n,) or (n, k) as weighted relative sizes and angles, (2n,) or (2n, k)."""
-        shape = (-1,) + (1,) * (complexes.ndim - 1)
-        relative = complexes / self.response.reshape(shape)
-        sizes = self.size_weight.reshape(shape) * relative.real
-        return np.concatenate([sizes, self.angle_weight.reshape(shape) * relative.imag])
+        relative = (complexes.T / self.response).T
+        return np.concatenate([(self.size_weight * relative.real.T).T, (self.angle_weight * relative.imag.T).T])
+
+    def denominator(self, parameters: Array) -> Complexes:
+        """Return the curve's denominator at the points, shape (n,)."""
+        return np.asarray(self.under @ parameters[:2] - self.alone)
+
+    def residual(self, parameters: Array) -> tuple[Array, Complexes, Complexes]:
+        """Return the weighted residual (2n,) of a curve, the curve and its denominator, shape (n,) each."""
+        denominator = self.denominator(parameters)
+        curve = self.over @ parameters[2:] / denominator
+        return self.weighted(self.response - curve), curve, denominator
+
+    def jacobian(self, curve: Complexes, denominator: Complexes, active: Mask) -> Array:
+        """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
+        columns = np.concatenate([-curve[:, None] * self.under, self.over], axis=1) / denominator[:, None]
+        return self.weighted(columns[:, active])
 
 
 def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> RationalCurve | None:
@@ -105,10 +135,10 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     points = _Points(v, w, response, *(1.0 / np.sqrt(variance) for variance in variances))
     for active in (_FULL, _PLAIN):
         parameters = _refine(_start(points, active), points, active)
-        residual = _residual(parameters, points)
+        residual, fitted, _ = points.residual(parameters)
         fits = bool(residual @ residual <= _MISFIT * (residual.size - active.sum()))
         if not fits:
-            amiss = np.mean(np.abs(evaluate_curve(parameters, v, w) / response - 1.0) ** 2)
+            amiss = np.mean(np.abs(fitted / response - 1.0) ** 2)
             evened = _Points(v, w, response, *(1.0 / np.sqrt(variance + amiss) for variance in variances))
             parameters, points = _refine(parameters, evened, active), evened
         highest = float(np.abs(evaluate_curve(parameters, np.linspace(-1.0, 1.0, 401), w)).max())
@@ -120,42 +150,25 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
 
 def _start(points: _Points, active: Mask) -> Array:
     """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
-    v, response = points.v, points.response
-    columns: list[NDArray[Any]] = [response, 1j * (1.0 + points.w * v) * response]
-    for power in range(3):
-        columns += [-(v**power) + 0j, -1j * v**power]
-    design = np.stack(columns, axis=1)[:, active]
-    target = response * (2.0 * v + points.w * v**2)
+    response = points.response
+    design = np.concatenate([response[:, None] * points.under, -points.over], axis=1)[:, active]
+    target = response * points.alone
     parameters, scale = np.zeros(8), np.abs(response)
     for _ in range(4):
         parameters[active] = solve_scaled(points.weighted(scale[:, None] * design), points.weighted(scale * target))
-        scale = 1.0 / np.maximum(np.abs(_denominator(parameters, v, points.w)), 1e-9)
+        scale = 1.0 / np.maximum(np.abs(points.denominator(parameters)), 1e-9)
     return parameters
-
-
-def _jacobian(parameters: Array, points: _Points, active: Mask) -> Array:
-    """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
-    denominator = _denominator(parameters, points.v, points.w)
-    bent = -evaluate_curve(parameters, points.v, points.w) / denominator
-    columns = [bent, 1j * (1.0 + points.w * points.v) * bent]
-    for power in range(3):
-        columns += [points.v**power / denominator, 1j * points.v**power / denominator]
-    return points.weighted(np.stack(columns, axis=1)[:, active])
-
-
-def _residual(parameters: Array, points: _Points) -> Array:
-    return points.weighted(points.response - evaluate_curve(parameters, points.v, points.w))
 
 
 def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
     """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
-    damping, residual = 1e-6, _residual(parameters, points)
+    damping, (residual, *curve) = 1e-6, points.residual(parameters)
+    jacobian = points.jacobian(*curve, active)
     for _ in range(_STEPS):
-        jacobian = _jacobian(parameters, points, active)
         size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
         step = np.zeros(8)
         step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
-        trial = _residual(parameters + step, points)
+        trial, *curve = points.residual(parameters + step)
         gained = float(residual @ residual - trial @ trial)
         if not gained > 0:
             damping *= 10.0
@@ -166,6 +179,7 @@ def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
         damping = max(damping * 0.1, 1e-14)
         if gained <= 1e-7 * float(trial @ trial):
             break
+        jacobian = points.jacobian(*curve, active)
     return parameters
 
 
@@ -174,7 +188,8 @@ def _covariance_roots(parameters: Array, points: _Points, active: Mask) -> tuple
 
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
     """
-    jacobian, residual = _jacobian(parameters, points, active), _residual(parameters, points)
+    residual, *curve = points.residual(parameters)
+    jacobian = points.jacobian(*curve, active)
     scaled, scale = unit_columns(jacobian)
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
     spread = right.T / np.maximum(singular, 1e-10 * singular[0]) / scale[:, None]
