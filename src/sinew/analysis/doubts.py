@@ -188,7 +188,7 @@ class _Sweep:
 
     @staticmethod
     def of(results: xr.Dataset, signals: Signals) -> "_Sweep":
-        columns = {str(n): v.values for n, v in results.data_vars.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
+        columns = {str(n): v.values for n, v in results.variables.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
         shape = columns["gain"].shape
         pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)

@@ -511,7 +511,7 @@ class FreeOscillation:
             if self.harmonics and m == 0:
                 h2, h3, offset = self.overtones(p)
                 x += offset * (wave.real**2 + wave.imag**2)
-                wave = wave * (1.0 + wave * (h2 + h3 * wave))
+                x += (wave**2 * (h2 + h3 * wave)).real
             x += wave.real
         return x, lambda: self._slopes(p, waves)
 

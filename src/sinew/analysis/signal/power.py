@@ -90,8 +90,8 @@ class Power:
 
 
 def read_power(signals: Signals, where: slice | None = None) -> Power | None:
-    """Return the power of the motors at all samples or some, None without a rig, and where duty or current of the drive was
-    not recorded."""
+    """Return the power of the motors, at all samples or some, None without a rig and where duty or current of the drive
+    was not recorded."""
     rig, recorded = signals.rig, {name: values[where or slice(None)] for name, values in signals.recorded.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None

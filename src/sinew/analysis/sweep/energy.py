@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -229,25 +230,24 @@ class _Sweep:
     columns: Mapping[str, Array]
     second: bool = False
 
+    @property
+    def _curve(self) -> Any:
+        return scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
+
     @cached_property
-    def _curves(self) -> dict[str, Callable[[float], Array]]:
-        """Return what reads the column between the points, by its name; columns known at the same points share one."""
-        curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
-        whole = [name for name in _READ if np.isfinite(self.columns[name]).all()]
-        together = curve(self.f, np.stack([self.columns[name] for name in whole], axis=1))
-        found: dict[str, Callable[[float], Array]] = {
-            name: lambda where, k=k: together(where)[k] for k, name in enumerate(whole)
-        }
-        for name in _READ:
-            known = np.isfinite(self.columns[name])
-            if name not in whole and known.sum() >= 4:
-                found[name] = curve(self.f[known], self.columns[name][known])
-        return found
+    def _together(self) -> tuple[list[str], Callable[[float], Array]]:
+        """Return the names of the columns known at all frequencies, and the one curve through them."""
+        names = [name for name in _READ if np.isfinite(self.columns[name]).all()]
+        return names, self._curve(self.f, np.stack([self.columns[name] for name in names], axis=1))
 
     def at(self, name: str, where: float) -> float:
-        if name not in self._curves or not self.f[0] <= where <= self.f[-1]:
+        known = np.isfinite(self.columns[name])
+        if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
             return math.nan
-        return float(self._curves[name](where))
+        names, together = self._together
+        if name in names:
+            return float(together(where)[names.index(name)])
+        return float(self._curve(self.f[known], self.columns[name][known])(where))
 
     def power(self, where: float) -> tuple[float, float, float]:
         """Return electrical power, its standard deviation, and torsion amplitude at a frequency."""

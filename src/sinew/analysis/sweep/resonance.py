@@ -162,13 +162,13 @@ def _start(points: _Points, active: Mask) -> Array:
 
 def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
     """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
-    damping, (residual, *curve) = 1e-6, points.residual(parameters)
-    jacobian = points.jacobian(*curve, active)
+    damping, (residual, curve, denominator) = 1e-6, points.residual(parameters)
+    jacobian = points.jacobian(curve, denominator, active)
     for _ in range(_STEPS):
         size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
         step = np.zeros(8)
         step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
-        trial, *curve = points.residual(parameters + step)
+        trial, curve, denominator = points.residual(parameters + step)
         gained = float(residual @ residual - trial @ trial)
         if not gained > 0:
             damping *= 10.0
@@ -179,7 +179,7 @@ def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
         damping = max(damping * 0.1, 1e-14)
         if gained <= 1e-7 * float(trial @ trial):
             break
-        jacobian = points.jacobian(*curve, active)
+        jacobian = points.jacobian(curve, denominator, active)
     return parameters
 
 
@@ -188,8 +188,8 @@ def _covariance_roots(parameters: Array, points: _Points, active: Mask) -> tuple
 
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
     """
-    residual, *curve = points.residual(parameters)
-    jacobian = points.jacobian(*curve, active)
+    residual, curve, denominator = points.residual(parameters)
+    jacobian = points.jacobian(curve, denominator, active)
     scaled, scale = unit_columns(jacobian)
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
     spread = right.T / np.maximum(singular, 1e-10 * singular[0]) / scale[:, None]
@@ -230,7 +230,7 @@ class _Swept(NamedTuple):
         return _Swept(v, gain, numerator * denominator.conj())
 
     def tops(self) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return where each curve is largest, (k,), what a parabola adds to that [grid points], and its height there."""
+        """Return where each curve is largest, what a parabola adds to that [grid points], and its height, (k,) each."""
         rows, top = np.arange(self.gain.shape[0]), np.clip(np.argmax(self.gain, axis=1), 1, _FINE - 2)
         before, middle, after = (self.gain[rows, top + i] for i in (-1, 0, 1))
         bend = before - 2.0 * middle + after
