@@ -629,7 +629,7 @@ def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
     per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
-    angle, current = (recorded[name].mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
+    angle, current = recorded["tendon_rad"], recorded["tendon_current_a"]
     found: dict[float, list[float]] = {}
     for segment, where in signals.segments:
         if segment.kind in ("steady", "ring-down"):

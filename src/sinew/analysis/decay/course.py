@@ -127,13 +127,13 @@ class Course:
         return means / window, gradient / window
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _functions(low: float, high: float, steps: int, count: int) -> Array:
     """Return `count` smooth functions at even steps of time between two of it, shape (steps, count)."""
     return smooth_functions(np.linspace(low, high, steps), count)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _slopes(low: float, high: float, count: int) -> Array:
     """Return the slopes of the same by time on the grid of means, shape (n, count)."""
     s = np.linspace(low, high, _GRID)

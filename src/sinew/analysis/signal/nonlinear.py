@@ -38,17 +38,29 @@ def least_squares(
     The columns are scaled by their derivatives, as by `scipy.optimize.least_squares` with x_scale="jac", which gives
     the same numbers; its bookkeeping takes longer than a fit of some hundred samples.
     """
-    slopes: list[Callable[[], Array]] = []
+    here = start.copy()
+    values, slope = model(here)
+    derivatives: Array | None = None
+
+    def move(p: Array) -> None:
+        nonlocal here, values, slope, derivatives
+        if not np.array_equal(p, here):
+            here, derivatives = p.copy(), None  # MINPACK goes on to write into its own
+            values, slope = model(here)
 
     def deviation(p: Array) -> Array:
-        values, slope = model(p.copy())  # MINPACK goes on to write into its own
-        slopes[:] = [slope]
+        move(p)
         off = values - data
         return off if np.isfinite(off).all() else np.nan_to_num(off, nan=_AMISS, posinf=_AMISS, neginf=-_AMISS)
 
-    def jacobian(_: Array) -> Array:  # MINPACK asks for it where it asked for the deviation last
-        slope = slopes[0]()
-        return slope.T if np.isfinite(slope).all() else np.nan_to_num(slope.T, nan=0.0, posinf=0.0, neginf=0.0)
+    def jacobian(p: Array) -> Array:
+        nonlocal derivatives
+        move(p)
+        if derivatives is None:
+            derivatives = slope().T
+            if not np.isfinite(derivatives).all():
+                derivatives = np.nan_to_num(derivatives, nan=0.0, posinf=0.0, neginf=0.0)
+        return derivatives
 
     found, _, _, _, end = optimize.leastsq(
         deviation,
