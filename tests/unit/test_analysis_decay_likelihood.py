@@ -68,7 +68,7 @@ def test_a_mean_under_known_coloured_noise_is_the_generalised_least_squares_mean
     noise = np.zeros(4000)
     for i in range(1, noise.size):
         noise[i] = 0.9 * noise[i - 1] + rng.standard_normal()
-    fit = fit_likelihood(lambda p: np.full(4000, p[0]), lambda p: np.ones((4000, 1)), np.zeros(1), noise + 5.0)
+    fit = fit_likelihood(lambda p: (np.full(4000, p[0]), lambda: np.ones((4000, 1))), np.zeros(1), noise + 5.0)
     # A long AR(1) mean has the deviation 1/(1 - a)/sqrt(n) of its innovations.
     assert np.sqrt(fit.covariance[0, 0]) == pytest.approx(10.0 / np.sqrt(4000), rel=0.15)
 

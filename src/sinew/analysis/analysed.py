@@ -350,7 +350,7 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
     """
     if "gain" not in results:
         raise RecordingError("these results hold no sweep; analyse a recording with steady segments")
-    columns = {str(name): results[name].values for name in results.data_vars}
+    columns = {str(name): variable.values for name, variable in results.variables.items()}
     delay = mean_of_known(columns["phase_delay_std_rad"])
     gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
     lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
@@ -521,7 +521,10 @@ _CONSTANTS = ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad")
 def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
-    columns = {name: np.stack([results[one].values for one in (name, *companions(name))]).T.tolist() for name in names}
+    columns = {
+        name: np.stack([results.variables[one].values for one in (name, *companions(name))]).T.tolist()
+        for name in names
+    }
     rows = []
     for index, pretension in enumerate(results["pretension_mm"].values):
         row: dict[str, Any] = {"pretension_mm": float(pretension)}

@@ -11,7 +11,7 @@ of it. Nothing here needs the twin: what it foretells is kept beside the recordi
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -188,7 +188,7 @@ class _Sweep:
 
     @staticmethod
     def of(results: xr.Dataset, signals: Signals) -> "_Sweep":
-        columns = {str(n): v.values for n, v in results.data_vars.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
+        columns = {str(n): v.values for n, v in results.variables.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
         shape = columns["gain"].shape
         pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
@@ -536,7 +536,7 @@ def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Arr
         )
     step = float(np.median(np.diff(time)))
     for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
-        longest = _longest_run(_same_as_before(values[:, None])) + 1
+        longest = _longest_runs(_same_as_before(values[:, None]), [slice(0, values.size)])[0] + 1
         if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
             found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
     return found
@@ -568,21 +568,22 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
     ):
         if name in recorded and (name == "drive_rad" or np.ptp(recorded[name]) > 0):
             channels.append((name, words, recorded[name][:, None], 1.0))
+    moving = list(_moving(signals))
     for _, words, values, share in channels:
+        # where share is one the lever stands in a ring-down
+        looked = [row for row in moving if share < 1.0 or row[0].kind == "steady"]
+        runs = _longest_runs(_same_as_before(values), [slice(where.start + 1, where.stop) for _, where in looked])
         rows: list[tuple[float, Place, str]] = []
-        changes = _same_as_before(values)
-        for segment, where in _moving(signals):
-            if share == 1.0 and segment.kind == "ring-down":
-                continue  # the lever stands
-            longest = _longest_run(changes[where.start + 1 : where.stop]) + 1
-            needed = max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
-            place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
-            text = (
-                f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look at "
-                "the sensor, its cable and its firmware"
-            )
-            rows.append((DOUBTED_FROM * longest / needed if longest > needed else 0.0, place, text))
-        yield from _worst("frozen", rows)
+        for (segment, _), run in zip(looked, runs, strict=True):
+            longest, needed = run + 1, max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
+            if longest > needed:
+                place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
+                text = (
+                    f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look "
+                    "at the sensor, its cable and its firmware"
+                )
+                rows.append((DOUBTED_FROM * longest / needed, place, text))
+        yield from _worst("frozen", rows, len(looked))
 
 
 def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
@@ -604,10 +605,16 @@ def _same_as_before(values: Array) -> Mask:
     return same
 
 
-def _longest_run(same: Mask) -> int:
-    """Return how many True stand in a row at most."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+def _longest_runs(same: Mask, stretches: Sequence[slice]) -> list[int]:
+    """Return how many True stand in a row at most, in each stretch of a mask."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    begin, end = edges[::2], edges[1::2]
+    longest = []
+    for one in stretches:
+        first, last = np.searchsorted(end, one.start, "right"), np.searchsorted(begin, one.stop)
+        inside = np.minimum(end[first:last], one.stop) - np.maximum(begin[first:last], one.start)
+        longest.append(int(inside.max(initial=0)))
+    return longest
 
 
 def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
@@ -622,7 +629,7 @@ def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
     per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
-    angle, current = (recorded[name].mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
+    angle, current = recorded["tendon_rad"], recorded["tendon_current_a"]
     found: dict[float, list[float]] = {}
     for segment, where in signals.segments:
         if segment.kind in ("steady", "ring-down"):
@@ -654,11 +661,15 @@ def _tendon_mode(attrs: Mapping[Any, Any]) -> str:
         return ""
 
 
-def _worst(kind: str, rows: list[tuple[float, Place, str]]) -> Iterator[Doubt]:
-    """Yield the doubt of all rows (distance, place, sentence) beyond the threshold, with the sentence of the worst."""
+def _worst(kind: str, rows: list[tuple[float, Place, str]], looked: int | None = None) -> Iterator[Doubt]:
+    """Yield the doubt of all rows (distance, place, sentence) beyond the threshold, with the sentence of the worst.
+
+    looked: at how many places, where rows are not all of them.
+    """
     beyond = sorted((row for row in rows if row[0] > DOUBTED_FROM), key=lambda row: -row[0])
+    of = len(rows) if looked is None else looked
     if beyond:
-        more = f" ({len(beyond)} of {len(rows)} places)" if len(rows) > 1 else ""
+        more = f" ({len(beyond)} of {of} places)" if of > 1 else ""
         yield Doubt(kind, tuple(row[1] for row in beyond), beyond[0][2] + more, beyond[0][0])
 
 

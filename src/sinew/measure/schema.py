@@ -445,13 +445,13 @@ def validate_results(results: "xr.Dataset") -> "xr.Dataset":
         known = set(map(str, marks)) <= set(CHANNELS) if name == "channel" else np.isfinite(marks).all()
         if not known or np.unique(marks).size != marks.size:
             raise SchemaError(f"the axis {name!r} of these results holds a mark twice, NaN or infinity: {marks}")
-    for name in map(str, results.variables):
+    for name, variable in ((str(name), variable) for name, variable in results.variables.items()):
         row = RESULT_VARIABLES.get(name)
         if row is None:
             raise SchemaError(f"unknown result variable {name!r}")
-        if results[name].dims != row.dims:
-            raise SchemaError(f"result variable {name!r} has dimensions {results[name].dims}, expected {row.dims}")
-        unit = results[name].attrs.get("units", "")
+        if variable.dims != row.dims:
+            raise SchemaError(f"result variable {name!r} has dimensions {variable.dims}, expected {row.dims}")
+        unit = variable.attrs.get("units", "")
         if row.unit not in ("*", unit):
             raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
     for part in (_RESPONSE, _COUPLING, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):

@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
-from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
 from sinew.analysis.decay.modes import Poles, split_poles
 from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, sandwich, unit_columns
+from sinew.analysis.signal.nonlinear import least_squares
 from sinew.measure.arrays import Array, Complexes
 
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
@@ -26,6 +26,7 @@ _MOST_MODES = 4
 _PENCIL_SAMPLES = 6000
 _OUTSTANDING = 20.0  # power of a residual's line over the median
 _GRID = 2001
+_SEEDS = 400
 _GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
 _LOUDER, _FEWEST_LINES = 2.5, 4.0
 _LARGEST = 50.0
@@ -103,9 +104,8 @@ class Course:
         ⟨λ⟩ = -∫ dA / ∫ A dt, ⟨ω⟩ = ∫ ω A dt / ∫ A dt. Of an exponential they are its rate and frequency.
         """
         place, window = self.model.mode(mode), self.stop_s - self.start_s
-        c, s = self.parameters[place], np.linspace(low, high, _GRID)
-        functions = smooth_functions(s, c.size // 2)
-        slopes = np.gradient(functions, s, axis=0, edge_order=2)
+        c = self.parameters[place]
+        functions, slopes = _functions(low, high, _GRID, c.size // 2), _slopes(low, high, c.size // 2)
         size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
         third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
         half_swing, by_log = size * (1.0 + third * size**2), size * (1.0 + 3.0 * third * size**2)
@@ -125,6 +125,19 @@ class Course:
             gradient[0, first + 2] = (cube[0] - cube[-1] - means[0] * float(weight @ cube)) / area
             gradient[1, first + 2] = float((weight * cube) @ (omega - means[1])) / area
         return means / window, gradient / window
+
+
+@lru_cache(maxsize=32)
+def _functions(low: float, high: float, steps: int, count: int) -> Array:
+    """Return `count` smooth functions at even steps of time between two of it, shape (steps, count)."""
+    return smooth_functions(np.linspace(low, high, steps), count)
+
+
+@lru_cache(maxsize=16)
+def _slopes(low: float, high: float, count: int) -> Array:
+    """Return the slopes of the same by time on the grid of means, shape (n, count)."""
+    s = np.linspace(low, high, _GRID)
+    return np.asarray(np.gradient(_functions(low, high, _GRID, count), s, axis=0, edge_order=2))
 
 
 def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> Course:
@@ -159,17 +172,8 @@ def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: li
     placed = [with_rest(model, start, y) for start in starts]
     start = min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
 
-    def deviation(p: Array) -> Array:
-        return np.nan_to_num(model.values(p) - y, nan=1e60, posinf=1e60, neginf=-1e60)
-
-    def slope(p: Array) -> Array:
-        return np.nan_to_num(model.jacobian(p), nan=0.0, posinf=0.0, neginf=0.0)
-
-    found = optimize.least_squares(
-        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=60
-    )
-    p = np.asarray(found.x)
-    return Course(model, float(t[0]), float(t[-1]), scale, p, np.asarray(found.jac), -np.asarray(found.fun) * scale)
+    found = least_squares(model.linearise, y, start)
+    return Course(model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale)
 
 
 def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
@@ -228,10 +232,15 @@ def smooth_course(
     log, phase = np.log(np.abs(height) / scale), np.arange(height.size) * math.pi + (0.0 if height[0] > 0 else math.pi)
     most = max(3.0, 1.0 + height.size / _CYCLES_EACH) if functions is None else float(functions)
 
+    basis = cache(lambda count: smooth_functions(s, count))
+
     def fitted(count: int, harmonics: bool, before: Course | None) -> Course:
-        model = FreeOscillation(s, (smooth_functions(s, count),), polynomials(s, 2), fit.relaxing, harmonics)
-        seeds = [(places, log + 1j * phase, np.abs(height)), _seed_of(before) if before else _seed_of_fit(fit, scale)]
-        starts = [_started(model, *seed) for seed in seeds]
+        model = FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
+        evenly = _functions(0.0, 1.0, _SEEDS, count)
+        starts = [
+            _started(model, smooth_functions(places, count), log + 1j * phase),
+            _started(model, evenly, _seed_of(before) if before else _seed_of_fit(fit, scale)),
+        ]
         if before and harmonics == before.model.harmonics and harmonics:
             starts[1][model.rest_start - 5 : model.rest_start] = before.parameters[
                 before.model.rest_start - 5 : before.model.rest_start
@@ -245,52 +254,47 @@ def smooth_course(
             break
         more = fitted(count, best.model.harmonics, best)
         waited += 1
-        if _gain(best, more) > _BETTER:
+        if clearly_better(best, more, _BETTER):
             best, waited = more, 0
         if not best.model.harmonics and (count == _COUNTS[1] or not waited):
             waved = fitted(best.functions, True, best)
-            if _gain(best, waved) > _BETTER:
+            if clearly_better(best, waved, _BETTER):
                 best, waited = waved, 0
     return best
 
 
-def _seed_of(course: Course) -> tuple[Array, Complexes, Array]:
-    s = np.linspace(0.0, 1.0, 400)
-    exponent = course.at(course.start_s + s * (course.stop_s - course.start_s))
-    return s, exponent, np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
+def _seed_of(course: Course) -> Complexes:
+    c = course.parameters[course.model.mode(0)]
+    return np.asarray(_functions(0.0, 1.0, _SEEDS, c.size // 2) @ (c[0::2] + 1j * c[1::2]))
 
 
-def _seed_of_fit(fit: DecayFit, scale: float) -> tuple[Array, Complexes, Array]:
-    s, p = np.linspace(0.0, 1.0, 400), fit.parameters
+def _seed_of_fit(fit: DecayFit, scale: float) -> Complexes:
+    s, p = np.linspace(0.0, 1.0, _SEEDS), fit.parameters
     exponent = np.log(complex(p[2], -p[3]) / scale) + (1j * p[1] - p[0]) * s
     if fit.bending:
         exponent = exponent + (1j * p[-1] - p[-2]) * s**2
-    return s, exponent, np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
+    return np.asarray(exponent)
 
 
-def _started(model: FreeOscillation, places: Array, exponent: Complexes, weight: Array) -> Array:
-    """Return a start whose first mode goes through given exponents at given places."""
-    count = int(model.bases[0].shape[1])
-    table = smooth_functions(places, count) * weight[:, None]
+def _started(model: FreeOscillation, functions: Array, exponent: Complexes) -> Array:
+    """Return a start whose first mode goes through exponents, shape (k,), where its functions are known, (k, count)."""
+    weight = np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
+    sides = np.stack([exponent.real, exponent.imag], axis=1) * weight[:, None]
     start = np.zeros(model.width)
-    for offset, values in ((0, exponent.real), (1, exponent.imag)):
-        start[offset : 2 * count : 2] = np.linalg.lstsq(table, values * weight, rcond=1e-8)[0]
+    start[model.mode(0)] = np.linalg.lstsq(functions * weight[:, None], sides, rcond=1e-8)[0].ravel()
     if model.relaxing:
         start[-1] = math.log(0.3)
     return start
 
 
-def _gain(plain: Course, rich: Course) -> float:
-    """Return by how much Akaike's criterion falls from one fit to a richer one of the same samples."""
-    if not rich.left_over > 0 or not np.isfinite(rich.parameters).all():
-        return -math.inf
-    added = rich.parameters.size - plain.parameters.size
-    return rich.effective * math.log(max(plain.left_over, 1e-300) / rich.left_over) - 2.0 * added
-
-
 def clearly_better(plain: Course, rich: Course, by: float) -> bool:
     """Return whether Akaike's criterion falls by so much from one fit to a richer one of the same samples."""
-    return _gain(plain, rich) > by
+    if not rich.left_over > 0 or not np.isfinite(rich.parameters).all():
+        return False
+    ratio = math.log(max(plain.left_over, 1e-300) / rich.left_over)
+    price = by + 2.0 * (rich.parameters.size - plain.parameters.size)
+    # Samples are worth no more than their number: most courses fall short before their noise need be known.
+    return rich.residual.size * max(ratio, 0.0) > price and rich.effective * ratio > price
 
 
 def close_modes(t: Array, x: Array, single: Course) -> Course | None:
@@ -312,7 +316,7 @@ def close_modes(t: Array, x: Array, single: Course) -> Course | None:
         two = _of_modes(t, x, pair, single.model.relaxing)
         if (best is None or two.left_over < best.left_over) and _are_sure(two):
             best = two
-    return best if best is not None and _gain(single, best) > _MODE_BETTER else None
+    return best if best is not None and clearly_better(single, best, _MODE_BETTER) else None
 
 
 def with_further_modes(t: Array, x: Array, course: Course) -> Course:
@@ -348,7 +352,7 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
             if not all(_is_new(complex(-rate, omega), other, window, course.functions > 2) for other in known):
                 continue
             large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
-            if large and _are_sure(added) and _gain(course, added) > _MODE_BETTER:
+            if large and clearly_better(course, added, _MODE_BETTER) and _are_sure(added):
                 return added
     return None
 

@@ -1,15 +1,17 @@
 """Fits of a free decay in the time domain, rest position and all: by least squares, and by maximum likelihood."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy
-from scipy import linalg, optimize
+from scipy import linalg
 
 from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sandwich, unit_columns
+from sinew.analysis.signal.nonlinear import Linearised, Model, Solution, least_squares
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -162,21 +164,29 @@ def _waves(s: Array, p: Array, bending: bool) -> tuple[Array, Array]:
 
 
 def _model(s: Array, p: Array, relaxing: bool, bending: bool) -> Array:
-    cosine, sine = _waves(s, p, bending)
-    return np.asarray(p[_COS] * cosine + p[_SIN] * sine + _rest(s, p, relaxing), dtype=float)
+    return _linearise(s, p, relaxing, bending)[0]
 
 
 def _jacobian(s: Array, p: Array, relaxing: bool, bending: bool) -> Array:
+    return _linearise(s, p, relaxing, bending)[1]()
+
+
+def _linearise(s: Array, p: Array, relaxing: bool, bending: bool) -> Linearised:
     cosine, sine = _waves(s, p, bending)
-    wave, turned = p[_COS] * cosine + p[_SIN] * sine, p[_SIN] * cosine - p[_COS] * sine
-    columns = [-s * wave, s * turned, cosine, sine, np.ones_like(s), s - 0.5]
-    if relaxing:
-        rate = float(np.exp(-p[7]))
-        fading = np.exp(-s * rate)
-        columns += [fading, p[6] * fading * s * rate]
-    if bending:
-        columns += [-s * s * wave, s * s * turned]
-    return np.stack(columns, axis=1)
+    wave = p[_COS] * cosine + p[_SIN] * sine
+
+    def slope() -> Array:
+        turned = p[_SIN] * cosine - p[_COS] * sine
+        columns = [-s * wave, s * turned, cosine, sine, np.ones_like(s), s - 0.5]
+        if relaxing:
+            rate = float(np.exp(-p[7]))
+            fading = np.exp(-s * rate)
+            columns += [fading, p[6] * fading * s * rate]
+        if bending:
+            columns += [-s * s * wave, s * s * turned]
+        return np.stack(columns).T
+
+    return wave + _rest(s, p, relaxing), slope
 
 
 def fit_decay(
@@ -213,16 +223,8 @@ def fit_decay(
     linear = [_COS, _SIN, _REST, _SLOPE] + [6] * relaxes
     p[linear] = np.linalg.lstsq(_jacobian(s, p, relaxes, bends)[:, linear], y, rcond=None)[0]
 
-    def deviation(q: Array) -> Array:
-        return _model(s, q, relaxes, bends) - y
-
-    def slope(q: Array) -> Array:
-        return _jacobian(s, q, relaxes, bends)
-
-    found = optimize.least_squares(
-        deviation, p, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-10, max_nfev=60
-    )
-    covariance, freedom = sandwich(np.asarray(found.jac), np.asarray(found.fun))
+    found = least_squares(lambda q: _linearise(s, q, relaxes, bends), y, p, xtol=1e-10)
+    covariance, freedom = sandwich(found.jacobian, found.deviation)
     sizes = np.full(p.size, scale)
     sizes[[_RATE, _OMEGA]] = 1.0
     sizes[7 : 7 + relaxes] = 1.0
@@ -231,10 +233,10 @@ def fit_decay(
     return DecayFit(
         float(time_s[0]),
         float(time_s[-1]),
-        np.asarray(found.x) * sizes,
+        found.parameters * sizes,
         covariance * np.outer(sizes, sizes),
         freedom,
-        -np.asarray(found.fun) * scale,
+        -found.deviation * scale,
         relaxes,
         bends,
     )
@@ -286,8 +288,6 @@ def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array
 # A model is fitted by maximum likelihood under noise whose neighbouring samples are alike: oscillation, drifting rest
 # position and coloured noise.
 
-Model = Callable[[Array], Array]
-
 _ROUNDS = 6
 _SETTLED = 1e-3  # change of the noise's coefficients that ends the rounds
 _PERFECT = 1e-12  # of the data: a residual this small is round-off, not noise
@@ -327,10 +327,8 @@ class LikelihoodFit:
         return -2.0 * self.log_likelihood + 2.0 * count * n / max(n - count - 1.0, 1.0)
 
 
-def fit_likelihood(values: Model, jacobian: Model, start: Array, data: Array) -> LikelihoodFit:
-    """Return the maximum-likelihood fit of values(p) to data of shape (n,), evenly sampled, from a start of shape (m,).
-
-    values, jacobian: take p, return shape (n,) and (n, m).
+def fit_likelihood(model: Model, start: Array, data: Array) -> LikelihoodFit:
+    """Return the maximum-likelihood fit of a model to data of shape (n,), evenly sampled, from a start of shape (m,).
 
     Least squares first; its residual tells the noise (Yule-Walker with the fit's share given back, order by Akaike,
     `sinew.analysis.signal.coloured_noise`). Data and model are then whitened by that noise, the first samples by the
@@ -343,19 +341,20 @@ def fit_likelihood(values: Model, jacobian: Model, start: Array, data: Array) ->
         raise RecordingError(
             f"{data.size} samples are too few for {start.size} parameters; a fit needs at least {2 * start.size}"
         )
-    fit = _settle(values, jacobian, start, data, coloured=True)
+    fit = _settle(model, start, data, coloured=True)
     if fit.noise.size:
-        white = _settle(values, jacobian, fit.parameters, data, coloured=False)
+        white = _settle(model, fit.parameters, data, coloured=False)
         fit = white if white.bic <= fit.bic else fit
     return fit
 
 
-def _settle(values: Model, jacobian: Model, start: Array, data: Array, coloured: bool) -> LikelihoodFit:
+def _settle(model: Model, start: Array, data: Array, coloured: bool) -> LikelihoodFit:
     noise, p, settled = np.zeros(0), np.asarray(start, dtype=float), False
     for _ in range(_ROUNDS):
-        found = _whitened_fit(values, jacobian, p, data, noise)
-        p = np.asarray(found.x, dtype=float)
-        residual, slopes = data - values(p), jacobian(p)
+        found = _whitened_fit(model, p, data, noise)
+        p = found.parameters
+        values, slope = model(p)
+        residual, slopes = data - values, slope()
         telling = coloured and float(residual.std()) > _PERFECT * float(np.ptp(data))
         after = autoregression(residual, slopes)[0] if telling else np.zeros(0)
         moved = np.zeros(max(after.size, noise.size))
@@ -366,20 +365,15 @@ def _settle(values: Model, jacobian: Model, start: Array, data: Array, coloured:
             break
         noise = after
     innovation, whitened = _whiten(residual[:, None], noise)[:, 0], _whiten(slopes, noise)
-    return _described_noise(p, residual, innovation, whitened, noise, settled and bool(found.success))
+    return _described_noise(p, residual, innovation, whitened, noise, settled and found.converged)
 
 
-def _whitened_fit(values: Model, jacobian: Model, start: Array, data: Array, noise: Array) -> optimize.OptimizeResult:
-    def deviation(p: Array) -> Array:
-        off = _whiten((values(p) - data)[:, None], noise)[:, 0]
-        return np.nan_to_num(off, nan=1e150, posinf=1e150, neginf=-1e150)
+def _whitened_fit(model: Model, start: Array, data: Array, noise: Array) -> Solution:
+    def whitened(p: Array) -> Linearised:
+        values, slope = model(p)
+        return _whiten((values - data)[:, None], noise)[:, 0], lambda: _whiten(slope(), noise)
 
-    def slope(p: Array) -> Array:
-        return np.nan_to_num(_whiten(jacobian(p), noise), nan=0.0, posinf=0.0, neginf=0.0)
-
-    return optimize.least_squares(
-        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=80
-    )
+    return least_squares(whitened, np.zeros(data.size), start, most=80)
 
 
 def _whiten(columns: Array, noise: Array) -> Array:
@@ -460,72 +454,89 @@ class FreeOscillation:
     rest: Array
     relaxing: bool = False
     harmonics: bool = False
-    width: int = field(init=False)
 
-    def __post_init__(self) -> None:
-        count = sum(2 * basis.shape[1] for basis in self.bases)
-        object.__setattr__(self, "width", count + 5 * self.harmonics + self.rest.shape[1] + 2 * self.relaxing)
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Return where the coefficients of each mode lie in the parameters."""
+        ends = np.cumsum([0] + [2 * basis.shape[1] for basis in self.bases]).tolist()
+        return tuple(slice(*ends) for ends in pairwise(ends))
 
     def mode(self, m: int) -> slice:
         """Return where the coefficients of a mode lie in the parameters."""
-        first = sum(2 * int(basis.shape[1]) for basis in self.bases[:m])
-        return slice(first, first + 2 * int(self.bases[m].shape[1]))
+        return self.places[m]
 
-    @property
+    @cached_property
     def rest_start(self) -> int:
         """Return where the parameters of the rest position begin."""
-        return int(self.mode(len(self.bases) - 1).stop) + 5 * self.harmonics
+        return int(self.places[-1].stop) + 5 * self.harmonics
+
+    @cached_property
+    def width(self) -> int:
+        """Return how many parameters there are."""
+        return self.rest_start + int(self.rest.shape[1]) + 2 * self.relaxing
+
+    @cached_property
+    def _rows(self) -> list[Array]:
+        """Return functions of time and columns of the rest position as rows, whose products stay together in memory."""
+        return [np.ascontiguousarray(basis.T) for basis in (*self.bases, self.rest)]
 
     def exponent(self, p: Array, m: int = 0) -> Complexes:
         """Return S_m at the samples, shape (n,)."""
-        c = p[self.mode(m)]
-        exponent = self.bases[m] @ (c[0::2] + 1j * c[1::2])
-        return np.asarray(np.minimum(exponent.real, _LARGEST) + 1j * exponent.imag)
+        both = p[self.places[m]].reshape(-1, 2).T @ self._rows[m]
+        exponent = np.empty(self.s.size, dtype=complex)
+        exponent.real, exponent.imag = np.minimum(both[0], _LARGEST), both[1]
+        return exponent
 
     def rest_position(self, p: Array) -> Array:
         """Return the rest position at the samples, shape (n,)."""
         first, count = self.rest_start, self.rest.shape[1]
-        level = self.rest @ p[first : first + count]
+        level = p[first : first + count] @ self._rows[-1]
         if self.relaxing:
             level = level + p[-2] * np.exp(-self.s * self._relaxation_rate(p))
         return np.asarray(level, dtype=float)
 
     def values(self, p: Array) -> Array:
         """Return x at the samples, shape (n,)."""
-        x = self.rest_position(p)
-        for m in range(len(self.bases)):
-            wave = np.exp(self.exponent(p, m))
-            if self.harmonics and m == 0:
-                h2, h3, offset = self.overtones(p)
-                x = x + offset * np.abs(wave) ** 2
-                wave = wave * (1.0 + wave * (h2 + h3 * wave))
-            x = x + wave.real
-        return np.asarray(x, dtype=float)
+        return self.linearise(p)[0]
 
     def jacobian(self, p: Array) -> Array:
         """Return the derivatives of x by the parameters, shape (n, width)."""
-        out = np.empty((self.s.size, self.width))
-        for m, basis in enumerate(self.bases):
-            wave = np.exp(self.exponent(p, m))
+        return self.linearise(p)[1]()
+
+    def linearise(self, p: Array) -> Linearised:
+        """Return x at the samples, and what gives its derivatives, which begin from the same waves."""
+        x = self.rest_position(p)
+        waves = [np.exp(self.exponent(p, m)) for m in range(len(self.bases))]
+        for m, wave in enumerate(waves):
+            if self.harmonics and m == 0:
+                h2, h3, offset = self.overtones(p)
+                x += offset * (wave.real**2 + wave.imag**2)
+                x += (wave**2 * (h2 + h3 * wave)).real
+            x += wave.real
+        return x, lambda: self._slopes(p, waves)
+
+    def _slopes(self, p: Array, waves: list[Complexes]) -> Array:
+        out = np.empty((self.width, self.s.size))
+        for m, wave in enumerate(waves):
             by_real = by_imaginary = wave
             if self.harmonics and m == 0:
                 h2, h3, offset = self.overtones(p)
-                by_imaginary = wave * (1.0 + wave * (2.0 * h2 + 3.0 * h3 * wave))
-                by_real = by_imaginary + 2.0 * offset * np.abs(wave) ** 2
+                square = wave**2
+                cube, power = square * wave, wave.real**2 + wave.imag**2
+                by_imaginary = wave + 2.0 * h2 * square + 3.0 * h3 * cube
+                by_real = by_imaginary + 2.0 * offset * power
                 first = self.rest_start - 5
-                square, cube = wave**2, wave**3
-                columns = [square.real, -square.imag, cube.real, -cube.imag, np.abs(square)]
-                out[:, first : first + 5] = np.stack(columns, axis=1)
-            where = self.mode(m)
-            out[:, where][:, 0::2] = by_real.real[:, None] * basis
-            out[:, where][:, 1::2] = -by_imaginary.imag[:, None] * basis
+                out[first : first + 5] = square.real, -square.imag, cube.real, -cube.imag, power
+            here = out[self.places[m]]
+            np.multiply(by_real.real, self._rows[m], out=here[0::2])
+            np.multiply(-by_imaginary.imag, self._rows[m], out=here[1::2])
         first, count = self.rest_start, self.rest.shape[1]
-        out[:, first : first + count] = self.rest
+        out[first : first + count] = self._rows[-1]
         if self.relaxing:
             rate = self._relaxation_rate(p)
             fading = np.exp(-self.s * rate)
-            out[:, -2], out[:, -1] = fading, p[-2] * fading * self.s * rate
-        return out
+            out[-2], out[-1] = fading, p[-2] * fading * self.s * rate
+        return out.T
 
     @staticmethod
     def _relaxation_rate(p: Array) -> float:
@@ -533,8 +544,8 @@ class FreeOscillation:
 
     def overtones(self, p: Array) -> tuple[complex, complex, float]:
         """Return h₂, h₃ and o of a model with harmonics."""
-        h = p[self.mode(len(self.bases) - 1).stop :]
-        return complex(h[0], h[1]), complex(h[2], h[3]), float(h[4])
+        h = p[self.rest_start - 5 : self.rest_start].tolist()
+        return complex(h[0], h[1]), complex(h[2], h[3]), h[4]
 
 
 def polynomials(s: Array, count: int) -> Array:
@@ -557,7 +568,7 @@ def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) 
     starts: shape (model.width,) each, of which the rest position and the size of a relaxation are found here, by
     linear least squares.
     """
-    fits = [fit_likelihood(model.values, model.jacobian, with_rest(model, start, values), values) for start in starts]
+    fits = [fit_likelihood(model.linearise, with_rest(model, start, values), values) for start in starts]
     return min(fits, key=lambda fit: fit.bic)
 
 
@@ -566,5 +577,6 @@ def with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
     p = np.array(start, dtype=float)
     linear = np.arange(model.rest_start, model.rest_start + model.rest.shape[1] + model.relaxing)
     p[linear] = 0.0
-    p[linear] = np.linalg.lstsq(model.jacobian(p)[:, linear], values - model.values(p), rcond=None)[0]
+    waves, slope = model.linearise(p)
+    p[linear] = np.linalg.lstsq(slope()[:, linear], values - waves, rcond=None)[0]
     return p

@@ -1,11 +1,11 @@
 """The free decay in a record, found and fitted, whatever came before it; its peaks and the paper's envelope."""
 
+import statistics
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import (
     DecayFit,
@@ -15,6 +15,7 @@ from sinew.analysis.decay.decay_fit import (
     printed_lehr_damping,
 )
 from sinew.analysis.signal.extremes import alternating_extremes, local_cubic, maxima
+from sinew.analysis.signal.nonlinear import Linearised, least_squares
 from sinew.measure.arrays import Array, Mask, robust_std
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
@@ -592,30 +593,27 @@ def large_peaks(peaks: Peaks, rest: Array) -> tuple[Array, Array]:
     out of step with those before and after it.
     """
     height = peaks.value - rest
-    size = np.abs(height)
+    size, spacing = np.abs(height), np.diff(peaks.time_s).tolist()
     floor = max(_NOISE_SHARE * peaks.value_std, _SMALLEST_PEAK * float(size.max(initial=0.0)))
-    end = 0
-    while end < size.size and size[end] > floor:
-        if end > 0 and height[end] * height[end - 1] > 0:
-            break
-        if end > 1 and not _keeps_step(np.diff(peaks.time_s), end - 1):
-            break
-        end += 1
+    wrong = ~(size > floor)
+    wrong[1:] |= height[1:] * height[:-1] > 0
+    most = int(np.argmax(np.append(wrong, True)))
+    end = next((k for k in range(2, most) if not _keeps_step(spacing, k - 1)), most)
     return peaks.time_s[:end], height[:end]
 
 
-def _keeps_step(spacing: Array, at: int) -> bool:
+def _keeps_step(spacing: list[float], at: int) -> bool:
     """Return whether a spacing of peaks is like the three before it, or one peak between two of them is displaced.
 
     A sensor that sticks at a turning point moves its peak: one spacing is long by what the next is short, or the other
     way round. Where a peak is missing, or noise made some, neither makes up for the other.
     """
-    usual = float(np.median(spacing[max(0, at - 3) : at]))
+    usual = statistics.median(spacing[max(0, at - 3) : at])
     if _SPACING[0] < spacing[at] / usual < _SPACING[1]:
         return True
     off = spacing[at] / usual - 1.0
-    beside = spacing[[other for other in (at - 1, at + 1) if other < spacing.size]] / usual - 1.0
-    return bool(np.any((off * beside < 0) & (np.abs(off + beside) < 2.0 * _DISPLACED)))
+    beside = [spacing[other] / usual - 1.0 for other in (at - 1, at + 1) if other < len(spacing)]
+    return any(off * one < 0 and abs(off + one) < 2.0 * _DISPLACED for one in beside)
 
 
 def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None) -> Envelope:
@@ -627,18 +625,15 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
     span, scale = float(t[-1]), float(size[0])
     slope = -float(np.polyfit(t / span, np.log(size), 1, w=size)[0])
 
-    def deviation(p: Array) -> Array:
-        return np.asarray(p[0] * np.exp(-p[1] * t / span) - size / scale)
-
-    def jacobian(p: Array) -> Array:
+    def exponential(p: Array) -> Linearised:
         fading = np.exp(-p[1] * t / span)
-        return np.stack([fading, -p[0] * t / span * fading], axis=1)
+        return p[0] * fading, lambda: np.stack([fading, -p[0] * t / span * fading], axis=1)
 
-    found = optimize.least_squares(deviation, np.array([1.0, slope]), jac=jacobian, method="lm")
+    found = least_squares(exponential, size / scale, np.array([1.0, slope]), ftol=1e-8, xtol=1e-8, most=200)
     n = t.size
     if n > 2:
-        variance = 2.0 * float(found.cost) / (n - 2)
-        gram = jacobian(found.x).T @ jacobian(found.x)
+        variance = float(found.deviation @ found.deviation) / (n - 2)
+        gram = found.jacobian.T @ found.jacobian
         rate_std = float(np.sqrt(variance * np.linalg.pinv(gram)[1, 1])) / span
         order = np.arange(n) - 0.5 * (n - 1)
         step = float(order @ t) / float(order @ order)
@@ -647,8 +642,8 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
     else:
         rate_std = omega_std = float("nan")
     return Envelope(
-        float(found.x[0]) * scale,
-        float(found.x[1]) / span,
+        float(found.parameters[0]) * scale,
+        float(found.parameters[1]) / span,
         rate_std,
         float(np.pi * (n - 1) / span),
         float(omega_std),

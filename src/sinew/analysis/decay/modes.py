@@ -228,7 +228,8 @@ def split_poles(values: Array, step_s: float, orders: tuple[int, ...]) -> list[P
     columns = min(n // 2, _LONGEST)
     hankel = np.lib.stride_tricks.sliding_window_view(values, columns + 1)
     kept = columns + 1 - min(max(orders), columns), columns
-    vectors = linalg.eigh(hankel.T @ hankel, subset_by_index=kept)[1][:, ::-1]  # right singular vectors, largest first
+    whole = np.ascontiguousarray(hankel)
+    vectors = linalg.eigh(whole.T @ whole, subset_by_index=kept)[1][:, ::-1]  # right singular vectors, largest first
     found = []
     for order in orders:
         basis = vectors[:, : min(order, columns)]

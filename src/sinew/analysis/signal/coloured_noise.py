@@ -68,15 +68,13 @@ def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
     sums = np.array([float(residual[: n - k] @ residual[k:]) for k in range(order + 1)])
     if n > _MANY * basis.shape[1]:  # the fit took a share of m/n
         return np.asarray(sums / (n - np.arange(order + 1.0)), dtype=float)
-    shifted = [basis]
+    shifted = np.zeros((order + 1, *basis.shape))
+    shifted[0] = basis
     for k in range(1, order + 1):
-        moved = np.zeros_like(basis)
-        moved[:-k] += 0.5 * basis[k:]
-        moved[k:] += 0.5 * basis[:-k]
-        shifted.append(moved)
-    inner = np.array([basis.T @ moved for moved in shifted])
-    flat = [moved.ravel() for moved in shifted]
-    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * np.array([[one @ other for other in flat] for one in flat])
+        shifted[k, :-k] += 0.5 * basis[k:]
+        shifted[k, k:] += 0.5 * basis[:-k]
+    inner, flat = basis.T @ shifted, shifted.reshape(order + 1, -1)
+    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * flat @ flat.T
     expected = lost * np.where(np.arange(order + 1) == 0, 1.0, 2.0) + np.diag(n - np.arange(order + 1.0))
     return np.asarray(np.linalg.solve(expected, sums), dtype=float)
 

@@ -180,10 +180,11 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
 
 def waveform(coefficient: Complexes, angle: Array) -> Array:
     """Return Re Σ X_h exp(jhψ) for coefficients (s, h), NaN harmonics left out, at phases ψ (s, n) or (n,)."""
-    total = np.zeros(np.broadcast_shapes(angle.shape, (coefficient.shape[0], 1)))
-    for h in range(1, coefficient.shape[1] + 1):
-        total += (np.nan_to_num(coefficient[:, h - 1])[:, None] * np.exp(1j * h * angle)).real
-    return total
+    turn, known = np.exp(1j * angle), np.nan_to_num(coefficient)
+    total = np.zeros(np.broadcast_shapes(angle.shape, (known.shape[0], 1)), dtype=complex)
+    for one in known.T[::-1]:
+        total = (total + one[:, None]) * turn
+    return total.real
 
 
 def refine_frequency(time_s: Array, signal: Array, frequency_hz: float) -> float:

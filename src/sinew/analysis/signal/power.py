@@ -89,9 +89,10 @@ class Power:
     holding: Array | None
 
 
-def read_power(signals: Signals) -> Power | None:
-    """Return the power of the motors, None without a rig, and where duty or current of the drive was not recorded."""
-    recorded, rig = signals.recorded, signals.rig
+def read_power(signals: Signals, where: slice | None = None) -> Power | None:
+    """Return the power of the motors, at all samples or some, None without a rig and where duty or current of the drive
+    was not recorded."""
+    rig, recorded = signals.rig, {name: values[where or slice(None)] for name, values in signals.recorded.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
     supply = recorded["supply_v"].astype(float) if "supply_v" in recorded else rig.drive.supply_voltage.value
@@ -99,9 +100,9 @@ def read_power(signals: Signals) -> Power | None:
     if "tendon_current_a" in recorded:
         currents = recorded["tendon_current_a"].astype(float)
         if "tendon_pwm" in recorded:
-            holding = (recorded["tendon_pwm"] * currents).sum(axis=1) * supply
+            holding = np.einsum("nt,nt->n", recorded["tendon_pwm"], currents) * supply
         else:
-            holding = SERVOS[rig.wiring.tendon_model].resistance * (currents**2).sum(axis=1)
+            holding = SERVOS[rig.wiring.tendon_model].resistance * np.einsum("nt,nt->n", currents, currents)
     return Power(recorded["drive_pwm"] * supply * current, rig.drive.resistance * current**2, holding)
 
 
@@ -112,14 +113,12 @@ def rest_power(signals: Signals, rig: "RigSpec") -> dict[tuple[float, int], tupl
     that rounding does not average out: the deviation is that of the registers' units. Empty where duty or current of
     the drive was not recorded.
     """
-    power = read_power(signals)
-    if power is None:
-        return {}
     found: dict[tuple[float, int], list[float]] = {}
     for segment, where in signals.of_kind("idle"):
-        if math.isfinite(segment.pretension_mm):
-            holding = 0.0 if power.holding is None else float(power.holding[where].mean())
-            mean = float(power.drive[where].mean()) + holding
+        power = read_power(signals, where)
+        if power is not None and math.isfinite(segment.pretension_mm):
+            holding = 0.0 if power.holding is None else float(power.holding.mean())
+            mean = float(power.drive.mean()) + holding
             found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
     servo = SERVOS[rig.wiring.tendon_model]
     unit = rig.tendons.current_lsb.value / math.sqrt(12.0)

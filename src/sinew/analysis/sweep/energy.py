@@ -1,8 +1,10 @@
 """What a swing costs, by a sweep: at resonance, against the trend off it, and where it costs least."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -128,6 +130,7 @@ _FROM_TREND = (
     "cheapest_reduction",
 )
 _NEEDED = ("drive_power_w", "drive_copper_w", "drive_mechanical_w", "drive_current_rms_a", "amplitude_rad")
+_READ = (*_NEEDED, "holding_power_w")
 
 
 def cost_of_swing(power_w: Array, frequency_hz: Array, torsion_rad: Array) -> Array:
@@ -151,7 +154,7 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
     value, std, misfit = ({name: np.full(shape, np.nan) for name in ENERGY_QUANTITIES} for _ in range(3))
     resistance = rig.drive.resistance
     for p, r in np.ndindex(*shape):
-        mine = {name: values[p, :, r] for name, values in columns.items()}
+        mine = {name: columns[name][p, :, r] for name in (*_READ, "drive_power_std_w")}
         at = float(resonance_hz[p, r])
         found = energy_of_repeat(response.frequency_hz, mine, at, resistance)
         other = energy_of_repeat(response.frequency_hz, mine, at, resistance, second=True)
@@ -227,13 +230,24 @@ class _Sweep:
     columns: Mapping[str, Array]
     second: bool = False
 
+    @property
+    def _curve(self) -> Any:
+        return scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
+
+    @cached_property
+    def _together(self) -> tuple[list[str], Callable[[float], Array]]:
+        """Return the names of the columns known at all frequencies, and the one curve through them."""
+        names = [name for name in _READ if np.isfinite(self.columns[name]).all()]
+        return names, self._curve(self.f, np.stack([self.columns[name] for name in names], axis=1))
+
     def at(self, name: str, where: float) -> float:
-        values = self.columns[name]
-        known = np.isfinite(values)
+        known = np.isfinite(self.columns[name])
         if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
             return math.nan
-        curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
-        return float(curve(self.f[known], values[known])(where))
+        names, together = self._together
+        if name in names:
+            return float(together(where)[names.index(name)])
+        return float(self._curve(self.f[known], self.columns[name][known])(where))
 
     def power(self, where: float) -> tuple[float, float, float]:
         """Return electrical power, its standard deviation, and torsion amplitude at a frequency."""

@@ -8,6 +8,7 @@ largest fundamental over it (`resonance_hz`), of the largest gain by measured dr
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,12 +79,41 @@ class _Points:
     size_weight: Array
     angle_weight: Array
 
+    @cached_property
+    def under(self) -> Complexes:
+        """Return what a and b are multiplied by in the denominator, shape (n, 2)."""
+        return np.stack([np.ones_like(self.v), 1j * (1.0 + self.w * self.v)], axis=1)
+
+    @cached_property
+    def over(self) -> Complexes:
+        """Return what Re c₀, Im c₀, Re c₁, ... are multiplied by in the numerator, shape (n, 6)."""
+        powers = np.vander(self.v, 3, increasing=True)
+        return np.stack([powers, 1j * powers], axis=2).reshape(-1, 6)
+
+    @cached_property
+    def alone(self) -> Array:
+        """Return what the denominator lacks beside a and b, shape (n,)."""
+        return np.asarray(2.0 * self.v + self.w * self.v**2)
+
     def weighted(self, complexes: Complexes) -> Array:
         """Return complex differences (n,) or (n, k) as weighted relative sizes and angles, (2n,) or (2n, k)."""
-        shape = (-1,) + (1,) * (complexes.ndim - 1)
-        relative = complexes / self.response.reshape(shape)
-        sizes = self.size_weight.reshape(shape) * relative.real
-        return np.concatenate([sizes, self.angle_weight.reshape(shape) * relative.imag])
+        relative = (complexes.T / self.response).T
+        return np.concatenate([(self.size_weight * relative.real.T).T, (self.angle_weight * relative.imag.T).T])
+
+    def denominator(self, parameters: Array) -> Complexes:
+        """Return the curve's denominator at the points, shape (n,)."""
+        return np.asarray(self.under @ parameters[:2] - self.alone)
+
+    def residual(self, parameters: Array) -> tuple[Array, Complexes, Complexes]:
+        """Return the weighted residual (2n,) of a curve, the curve and its denominator, shape (n,) each."""
+        denominator = self.denominator(parameters)
+        curve = self.over @ parameters[2:] / denominator
+        return self.weighted(self.response - curve), curve, denominator
+
+    def jacobian(self, curve: Complexes, denominator: Complexes, active: Mask) -> Array:
+        """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
+        columns = np.concatenate([-curve[:, None] * self.under, self.over], axis=1) / denominator[:, None]
+        return self.weighted(columns[:, active])
 
 
 def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> RationalCurve | None:
@@ -105,10 +135,10 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     points = _Points(v, w, response, *(1.0 / np.sqrt(variance) for variance in variances))
     for active in (_FULL, _PLAIN):
         parameters = _refine(_start(points, active), points, active)
-        residual = _residual(parameters, points)
+        residual, fitted, _ = points.residual(parameters)
         fits = bool(residual @ residual <= _MISFIT * (residual.size - active.sum()))
         if not fits:
-            amiss = np.mean(np.abs(evaluate_curve(parameters, v, w) / response - 1.0) ** 2)
+            amiss = np.mean(np.abs(fitted / response - 1.0) ** 2)
             evened = _Points(v, w, response, *(1.0 / np.sqrt(variance + amiss) for variance in variances))
             parameters, points = _refine(parameters, evened, active), evened
         highest = float(np.abs(evaluate_curve(parameters, np.linspace(-1.0, 1.0, 401), w)).max())
@@ -120,42 +150,25 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
 
 def _start(points: _Points, active: Mask) -> Array:
     """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
-    v, response = points.v, points.response
-    columns: list[NDArray[Any]] = [response, 1j * (1.0 + points.w * v) * response]
-    for power in range(3):
-        columns += [-(v**power) + 0j, -1j * v**power]
-    design = np.stack(columns, axis=1)[:, active]
-    target = response * (2.0 * v + points.w * v**2)
+    response = points.response
+    design = np.concatenate([response[:, None] * points.under, -points.over], axis=1)[:, active]
+    target = response * points.alone
     parameters, scale = np.zeros(8), np.abs(response)
     for _ in range(4):
         parameters[active] = solve_scaled(points.weighted(scale[:, None] * design), points.weighted(scale * target))
-        scale = 1.0 / np.maximum(np.abs(_denominator(parameters, v, points.w)), 1e-9)
+        scale = 1.0 / np.maximum(np.abs(points.denominator(parameters)), 1e-9)
     return parameters
-
-
-def _jacobian(parameters: Array, points: _Points, active: Mask) -> Array:
-    """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
-    denominator = _denominator(parameters, points.v, points.w)
-    bent = -evaluate_curve(parameters, points.v, points.w) / denominator
-    columns = [bent, 1j * (1.0 + points.w * points.v) * bent]
-    for power in range(3):
-        columns += [points.v**power / denominator, 1j * points.v**power / denominator]
-    return points.weighted(np.stack(columns, axis=1)[:, active])
-
-
-def _residual(parameters: Array, points: _Points) -> Array:
-    return points.weighted(points.response - evaluate_curve(parameters, points.v, points.w))
 
 
 def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
     """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
-    damping, residual = 1e-6, _residual(parameters, points)
+    damping, (residual, curve, denominator) = 1e-6, points.residual(parameters)
+    jacobian = points.jacobian(curve, denominator, active)
     for _ in range(_STEPS):
-        jacobian = _jacobian(parameters, points, active)
         size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
         step = np.zeros(8)
         step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
-        trial = _residual(parameters + step, points)
+        trial, curve, denominator = points.residual(parameters + step)
         gained = float(residual @ residual - trial @ trial)
         if not gained > 0:
             damping *= 10.0
@@ -166,6 +179,7 @@ def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
         damping = max(damping * 0.1, 1e-14)
         if gained <= 1e-7 * float(trial @ trial):
             break
+        jacobian = points.jacobian(curve, denominator, active)
     return parameters
 
 
@@ -174,7 +188,8 @@ def _covariance_roots(parameters: Array, points: _Points, active: Mask) -> tuple
 
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
     """
-    jacobian, residual = _jacobian(parameters, points, active), _residual(parameters, points)
+    residual, curve, denominator = points.residual(parameters)
+    jacobian = points.jacobian(curve, denominator, active)
     scaled, scale = unit_columns(jacobian)
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
     spread = right.T / np.maximum(singular, 1e-10 * singular[0]) / scale[:, None]
@@ -197,47 +212,82 @@ def parameter_spread(curve: RationalCurve) -> Array:
     return np.concatenate([curve.parameters[None], curve.parameters + steps, curve.parameters - steps])
 
 
+class _Swept(NamedTuple):
+    """Curves on a fine grid of v: their size, (k, n), and response times what makes it real and positive, (k, n)."""
+
+    v: Array
+    gain: Array
+    turned: Complexes
+
+    @staticmethod
+    def of(curve: RationalCurve, parameters: Array) -> "_Swept":
+        """Return the curves of parameters (k, 8) over the window of a fit."""
+        v, w = np.linspace(curve.low, curve.high, _FINE), curve.half_width_hz / curve.centre_hz
+        numerator = (parameters[:, 2::2] + 1j * parameters[:, 3::2]) @ np.stack([np.ones_like(v), v, v**2])
+        denominator = _denominator(parameters, v, w)
+        size = denominator.real**2 + denominator.imag**2
+        gain = np.sqrt((numerator.real**2 + numerator.imag**2) / size)
+        return _Swept(v, gain, numerator * denominator.conj())
+
+    def tops(self) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return where each curve is largest, what a parabola adds to that [grid points], and its height, (k,) each."""
+        rows, top = np.arange(self.gain.shape[0]), np.clip(np.argmax(self.gain, axis=1), 1, _FINE - 2)
+        before, middle, after = (self.gain[rows, top + i] for i in (-1, 0, 1))
+        bend = before - 2.0 * middle + after
+        shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
+        return top, shift, middle - 0.25 * (before - after) * shift
+
+    def widths(self, top: NDArray[np.intp], level: Array) -> Array:
+        """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
+        below, place = self.gain <= level[:, None], np.arange(_FINE)
+        left = np.where(below & (place < top[:, None]), place, -1).max(axis=1)
+        right = np.where(below & (place > top[:, None]), place, _FINE).min(axis=1)
+
+        def passage(low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
+            rows = np.arange(low.size)
+            inner, outer = self.gain[rows, high], self.gain[rows, low]
+            return np.asarray((inner - level) / (inner - outer))
+
+        known = (left >= 0) & (right < _FINE)
+        left, right = np.where(known, left, 0), np.where(known, right, _FINE - 1)
+        reach = right - left - 2.0 + passage(left, left + 1) + passage(right, right - 1)
+        return np.where(known, reach, np.nan)
+
+    def crossings(self, top: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return where the lag passes 90° nearest to the top [grid points], and by how much it grows there, (k,)."""
+        ahead = self.turned.real > 0  # a lag below 90°
+        row, at = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
+        lag, next_lag = wrapped_lag(self.turned[row, at]), wrapped_lag(self.turned[row, at + 1])
+        grown = next_lag - lag
+        nearest = np.lexsort((np.abs(at - top[row]), row))
+        nearest = nearest[grown[nearest] < 0.5 * np.pi]
+        row, first = np.unique(row[nearest], return_index=True)
+        chosen = nearest[first]
+        where, slope = np.full(top.size, np.nan), np.full(top.size, np.nan)
+        where[row] = at[chosen] + (0.5 * np.pi - lag[chosen]) / grown[chosen]
+        slope[row] = grown[chosen]
+        return where, slope
+
+
 def read_curve(curve: RationalCurve) -> tuple[Array, bool]:
     """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
     whether the curve itself has its peak inside the window."""
-    v = np.linspace(curve.low, curve.high, _FINE)
-    h = evaluate_curve(parameter_spread(curve), v, curve.half_width_hz / curve.centre_hz)
-    gain = np.abs(h)
-    rows = np.arange(gain.shape[0])
-    top = np.clip(np.argmax(gain, axis=1), 1, _FINE - 2)
-    before, middle, after = (gain[rows, top + i] for i in (-1, 0, 1))
-    bend = before - 2.0 * middle + after
-    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
-    largest = middle - 0.25 * (before - after) * shift
-    width = np.full(rows.size, np.nan)
-    crossing, slope = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
-    lag = wrapped_lag(h)
-    for row in rows:
-        level = gain[row] - largest[row] / math.sqrt(2.0)
-        left, right = _zero(-level[top[row] :: -1]), _zero(-level[top[row] :])
-        width[row] = left + right
-        passes = np.flatnonzero((lag[row, :-1] < 0.5 * np.pi) & (lag[row, 1:] >= 0.5 * np.pi))
-        passes = passes[lag[row, passes + 1] - lag[row, passes] < 0.5 * np.pi]
-        if passes.size:
-            at = int(passes[np.argmin(np.abs(passes - top[row]))])
-            crossing[row] = at + _zero(lag[row, at : at + 2] - 0.5 * np.pi)
-            slope[row] = lag[row, at + 1] - lag[row, at]
-    pitch = (v[1] - v[0]) * curve.half_width_hz
+    swept = _Swept.of(curve, parameter_spread(curve))
+    top, shift, largest = swept.tops()
+    crossing, slope = swept.crossings(top)
+    pitch = (swept.v[1] - swept.v[0]) * curve.half_width_hz
     start = curve.centre_hz + curve.low * curve.half_width_hz
-    readings = np.stack(
-        [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
-    )
-    inside = 1 < np.argmax(gain[0]) < _FINE - 2
-    return readings.T, bool(inside)
+    width = swept.widths(top, largest / math.sqrt(2.0))
+    readings = [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
+    return np.stack(readings, axis=1), bool(1 < np.argmax(swept.gain[0]) < _FINE - 2)
 
 
-def _zero(values: Array) -> float:
-    """Return the fractional index of the first passage from below to zero, NaN where there is none."""
-    above = np.flatnonzero(values >= 0)
-    if above.size == 0 or above[0] == 0:
-        return math.nan if above.size == 0 else 0.0
-    at = int(above[0])
-    return float(at - 1 - values[at - 1] / (values[at] - values[at - 1]))
+def _read_top(curve: RationalCurve) -> tuple[float, float]:
+    """Return frequency [Hz] and gain of the curve's peak."""
+    swept = _Swept.of(curve, curve.parameters[None])
+    top, shift, largest = swept.tops()
+    v = float(swept.v[0] + (swept.v[1] - swept.v[0]) * (top[0] + shift[0]))
+    return curve.centre_hz + v * curve.half_width_hz, float(largest[0])
 
 
 # The top of a response curve that no linear resonance describes is read by itself.
@@ -428,8 +478,7 @@ def _polished(peak: Peak, f: Array, h: Complexes, size: Array, angle: Array) -> 
     else:
         where, noise = (crest.frequency_hz, crest.gain), (crest.frequency_std_hz, crest.gain_std)
         curve = fit_curve(f[beside], h[beside], size[beside], angle[beside])
-        reading = np.array([peak.frequency_hz[0], peak.gain[0]]) if curve is None else read_curve(curve)[0][0, :2]
-        other = float(reading[0]), float(reading[1])
+        other = (peak.frequency_hz[0], peak.gain[0]) if curve is None else _read_top(curve)
     wide = peak.frequency_hz, peak.gain
     misfit = [math.hypot(where[i] - other[i], wide[i][1]) for i in range(2)]
     polished = [_with_misfit((where[i], noise[i], wide[i][2]), misfit[i]) for i in range(2)]

@@ -137,7 +137,8 @@ def _analyse_batch(signals: Signals, batch: _Batch) -> dict[str, NDArray[Any]]:
     torsion = (
         fitted.coefficient[:, 0] / torsion_chain(budget, order) / (2j * np.pi * order if response.is_rate else 1.0)
     )
-    peaks = _mean_peaks(batch, fitted, response.is_rate) / np.abs(torsion_chain(budget, batch.frequency))
+    sensed = steady_torsion(batch.time, batch.signal[:, 0], fitted, response.is_rate)
+    peaks = _mean_peaks(batch, fitted, response.is_rate, sensed) / np.abs(torsion_chain(budget, batch.frequency))
     spread, own_wobble = relative_noise(fitted, 0)
     out = {"distortion": _distortion(torsion), **_settled(fitted)}
     if response.is_rate or response.unit == "rad":
@@ -163,7 +164,7 @@ def _analyse_batch(signals: Signals, batch: _Batch) -> dict[str, NDArray[Any]]:
     out |= {"phase_lag_rad": wrapped_lag(transfer), "phase_std_rad": phase_std}
     out["phase_delay_std_rad"] = 2.0 * np.pi * batch.frequency * budget.delay_std_s
     late = np.angle(torsion_chain(budget, batch.frequency) / drive_chain(budget, batch.frequency))
-    out["lissajous_phase_rad"] = _figure_phase(batch, fitted, response.is_rate, late)
+    out["lissajous_phase_rad"] = _figure_phase(batch, sensed, late)
     nominal = np.where(np.isfinite(nominal), nominal, np.abs(driven[:, 0]))
     commanded = fitted.coefficient.shape[1] == 3
     command = fitted.coefficient[:, 2, 0] if commanded else driven[:, 0]
@@ -206,13 +207,12 @@ def _nominal_gain(
     }
 
 
-def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool) -> Array:
-    """Return the mean of positive and negative peaks of the torsion as sensed (paper, section 4.1), shape (s,).
+def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool, angle: Array) -> Array:
+    """Return the mean of positive and negative peaks of the torsion as sensed, (s, n) (paper, section 4.1), shape (s,).
 
     A crest is the mean waveform's crest plus the mean of what the samples within 0.5 rad of it, in all periods, have
     beyond that waveform: noise does not push it up, as it does the largest sample, and sampling does not cut it.
     """
-    angle = steady_torsion(batch.time, batch.signal[:, 0], fitted, is_rate)
     omega = 2.0 * np.pi * batch.frequency[:, None]
     order = np.arange(1, fitted.coefficient.shape[2] + 1)
     coefficient = fitted.coefficient[:, 0] / (1j * order * omega if is_rate else 1.0)
@@ -229,9 +229,9 @@ def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool) -> Array:
     return 0.5 * extent
 
 
-def _figure_phase(batch: _Batch, fitted: Harmonics, is_rate: bool, late: Array) -> Array:
-    """Return the lag by the Lissajous figure, shape (s,), less what the chain's phase `late` [rad] (s,) makes of it."""
-    torsion = steady_torsion(batch.time, batch.signal[:, 0], fitted, is_rate)
+def _figure_phase(batch: _Batch, torsion: Array, late: Array) -> Array:
+    """Return the lag by the Lissajous figure of a torsion (s, n), shape (s,), less what the chain's phase `late` [rad],
+    (s,), makes of it."""
     span = (batch.time[:, -1] - batch.time[:, 0]) * torsion.shape[1] / (torsion.shape[1] - 1)
     periods = np.maximum(1.0, np.floor(span * batch.frequency + 0.02))
     step = 2.0 * np.pi * batch.frequency * span / torsion.shape[1]

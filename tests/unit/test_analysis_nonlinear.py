@@ -1,0 +1,48 @@
+"""Nonlinear least squares beside SciPy's own door to the same MINPACK."""
+
+import numpy as np
+from scipy import optimize
+
+from sinew.analysis.signal.nonlinear import Linearised, least_squares
+from sinew.measure.arrays import Array
+
+T = np.linspace(0.0, 4.0, 200)
+DATA = 2.0 * np.exp(-0.4 * T) * np.cos(6.0 * T) + np.random.default_rng(0).normal(0.0, 0.05, T.size)
+START = np.array([1.0, 0.1, 5.8])
+
+
+def decay(p: Array) -> Linearised:
+    fading = np.exp(-p[1] * T)
+    cosine, sine = fading * np.cos(p[2] * T), fading * np.sin(p[2] * T)
+    return p[0] * cosine, lambda: np.stack([cosine, -p[0] * T * cosine, -p[0] * T * sine], axis=1)
+
+
+def test_a_fit_is_that_of_scipy() -> None:
+    theirs = optimize.least_squares(
+        lambda p: decay(p)[0] - DATA, START, lambda p: decay(p)[1](), method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9
+    )
+    ours = least_squares(decay, DATA, START)
+    np.testing.assert_allclose(ours.parameters, theirs.x, rtol=1e-12)
+    np.testing.assert_allclose(ours.jacobian, theirs.jac, rtol=1e-9, atol=1e-12)
+
+
+def test_deviation_and_derivatives_are_those_at_the_solution() -> None:
+    found = least_squares(decay, DATA, START)
+    values, slope = decay(found.parameters)
+    assert np.array_equal(found.deviation, values - DATA)
+    assert np.array_equal(found.jacobian, slope())
+
+
+def test_a_fit_that_ran_out_of_evaluations_says_so() -> None:
+    assert least_squares(decay, DATA, START).converged
+    assert not least_squares(decay, DATA, START, most=2).converged
+
+
+def test_a_place_where_the_model_is_not_finite_is_left() -> None:
+    def root(p: Array) -> Linearised:
+        with np.errstate(invalid="ignore"):
+            size = np.sqrt(p[0])
+        return np.full(5, size), lambda: np.full((5, 1), 0.5 / size)
+
+    found = least_squares(root, np.full(5, 0.1), np.array([4.0]))
+    np.testing.assert_allclose(found.parameters, 0.01, rtol=1e-6)
