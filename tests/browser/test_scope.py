@@ -167,3 +167,19 @@ def test_what_was_chosen_is_there_again_after_the_page_was_left(page: Any, swung
     chosen = (page.locator("#sinew-legend input").first.is_checked(), page.is_checked("#sinew-gain"))
     assert (*chosen, page.get_attribute("#sinew-cursors", "aria-pressed")) == (False, True, "true")
     assert "drive_command" not in page.evaluate("SinewScope.scope.lines(SinewScope.bins).map((line) => line.key)")
+
+
+def test_every_axis_has_two_ticks_at_least(page: Any) -> None:
+    random = np.random.default_rng(3)
+    low, span = random.normal(size=300), 10 ** random.uniform(-3, 3, 300)
+    about = random.uniform(2, 8, 300)
+    found = page.evaluate(
+        """async (rows) => {
+          const { ticks } = await import("/sinew/scope.js");
+          return rows.map(([low, high, about]) => ticks(low, high, about)).map(({ found, digits }) =>
+            new Set(found.map((at) => at.toFixed(digits))).size);
+        }""",
+        np.column_stack([low, low + span, about]).tolist(),
+    )
+    assert min(found) >= 2
+    assert max(found) <= 11

@@ -86,13 +86,25 @@ function stroke(draw, path, wide) {
   }
 }
 
-// Steps of 1, 2 or 5 times a power of ten, about so many in a range.
+// Steps of 1, 2 or 5 times a power of ten, about so many in a range, and two at least: from one tick no size is read.
 export function ticks(low, high, about) {
   const raw = (high - low) / about, power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((x) => x * power).find((x) => x >= raw);
+  const steps = [0.2, 0.5, 1, 2, 5, 10].map((x) => x * power);
+  let found = [], k = steps.findIndex((x) => x >= raw);
+  for (; k >= 0 && found.length < 2; k--) {
+    found = [];
+    for (let i = Math.ceil(low / steps[k] - 1e-9); i * steps[k] <= high + 1e-9 * steps[k]; i++) found.push(i * steps[k]);
+  }
+  return { found, digits: Math.max(0, -Math.floor(Math.log10(steps[k + 1]) + 1e-9)) };
+}
+
+// The same of decades: 1, 2 and 5 of each where there is but one power of ten.
+function decades(low, high, about) {
+  const whole = ticks(low, high, about).found.filter((at) => at % 1 === 0);
+  if (whole.length > 1) return whole;
   const found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
-  return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+  for (let power = Math.floor(low); power <= high; power++) found.push(...[1, 2, 5].map((x) => power + Math.log10(x)));
+  return found.filter((at) => at >= low && at <= high);
 }
 
 // Ranges follow what is shown: out at once, in slowly, so that the axis does not flicker; at once where it stands still.
@@ -107,7 +119,7 @@ class Range {
   }
 }
 
-const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5, FLAT = 0.7;
+const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5, FLAT = 0.7, LINE = 11;
 
 // What is seen of a run at once: least and largest value of each trace in bins that follow one another. Rows beyond
 // those of the run are computed here.
@@ -234,13 +246,16 @@ export class Scope {
     const range = panel.range, scale = tall / (range.high - range.low), y = (v) => top + tall - (value(v) - range.low) * scale;
     draw.strokeStyle = css("--grid"); draw.fillStyle = ink; draw.lineWidth = 1; draw.setLineDash([]);
     draw.textAlign = "right"; draw.textBaseline = "middle";
-    const { found, digits } = ticks(range.low, range.high, Math.max(2, tall / 38));
+    const about = Math.max(2, tall / 38), { found, digits } = this.log ? { found: decades(range.low, range.high, about) } : ticks(range.low, range.high, about);
+    const inWords = (at) => !this.log ? at.toFixed(digits) : at < -2 ? (10 ** at).toExponential(0) : String(Number((10 ** at).toPrecision(1)));
     draw.beginPath();
+    let written = Infinity;
     for (const at of found) {
-      if (this.log && at % 1) continue;
       const up = top + tall - (at - range.low) * scale;
       draw.moveTo(LEFT, up); draw.lineTo(width - RIGHT, up);
-      draw.fillText(this.log ? at < -2 ? `1e${at}` : String(Number((10 ** at).toPrecision(1))) : at.toFixed(digits), LEFT - 6, up);
+      if (written - up < LINE) continue; // it would be written over the one below
+      written = up;
+      draw.fillText(inWords(at), LEFT - 6, up);
     }
     for (const time of axis.found) { draw.moveTo(this.x(time), top); draw.lineTo(this.x(time), top + tall); }
     draw.stroke();
