@@ -58,6 +58,13 @@ def drag(page: Any, before: float, after: float) -> None:
     page.mouse.up()
 
 
+NARROW = """(id) => {
+  const canvas = document.getElementById(id);
+  return canvas.clientWidth < 700 && canvas.width === Math.round(canvas.clientWidth * Math.min(2, devicePixelRatio));
+}"""
+"""Whether a canvas has the width of a narrow window, and is drawn for it."""
+
+
 def numbers(text: str) -> list[float]:
     """Return the numbers of "A 1.2 s, B 3.4 s, Δt 2.2 s, 1/Δt 0.45 Hz"."""
     return [float(part.split()[-2]) for part in text.split(", ")]
@@ -121,6 +128,8 @@ def test_the_spectrum_says_where_the_swing_is(page: Any) -> None:
     page.click("#sinew-spectrum")
     page.wait_for_function("document.querySelector('#sinew-peaks').textContent.includes('lever')")
     assert "at 3.00 Hz" in page.inner_text("#sinew-peaks").split("lever θ")[1].split(";")[0]
+    page.set_viewport_size({"width": 700, "height": 900})
+    page.wait_for_function(NARROW, arg="sinew-spectrum-canvas")
 
 
 TRIGGERED = """async ([hz, gain]) => {

@@ -67,9 +67,9 @@ function take(frame) {
 // A frame that comes late is drawn when it comes, and the next one at its time: none is left out to keep in step.
 function draw(at) {
   requestAnimationFrame(draw);
-  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && draw.count !== traces.count;
+  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && lissajous.isFresh;
   if (isDrawn) drawn++;
-  if (isNews) { draw.count = traces.count; lissajous.render(); }
+  if (isNews) lissajous.render();
   if (isDrawn || isNews || late > FRAME_MS()) { joint?.move(now, at); draw.due = Math.max(at, (draw.due ?? 0) + FRAME_MS()); }
   joint?.paint(at, isDue);
   if (at - drawnSince > 1000) {

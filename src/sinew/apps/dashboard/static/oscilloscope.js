@@ -3,7 +3,7 @@
 // It follows the newest samples, which the stream brings, or stands still anywhere between the run's first sample and
 // its newest, which come in pieces from the server: as many bins as the screen has columns, whatever is looked at.
 
-import { Bins, Scope, Traces, keep, kept } from "./scope.js";
+import { Bins, Scope, Traces, keep, kept, whenItLooksOtherwise } from "./scope.js";
 
 const PIECES = 64, AT_ONCE = 2, AGAIN_MS = 1000, SHORTEST_S = 0.02, PRE = 0.1, TABLE_MS = 300, SPECTRUM_MS = 1000, KEPT = "sinew-scope";
 const $ = (id) => document.getElementById(id);
@@ -197,6 +197,7 @@ export class Oscilloscope {
     this.scope = new Scope($("sinew-scope"), this.panels);
     for (const [key, is] of Object.entries(this.lines)) this.scope.hidden[is ? "delete" : "add"](key);
     this.rows = keys.length;
+    if (this.spectrum) this.spectrum = { due: 0 }; // the last one is of other traces
     this.bins = new Bins([...keys, ...MATHS.map((one) => one.key)]);
     this.name(name);
     this.legend();
@@ -223,7 +224,7 @@ export class Oscilloscope {
       if (MATHS.some((one) => one.key === line.key)) continue;
       const box = document.createElement("input");
       box.type = "checkbox"; box.checked = !this.scope.hidden.has(line.key);
-      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.lines[line.key] = box.checked; this.remember(); this.isFresh = true; });
+      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.lines[line.key] = box.checked; this.remember(); this.isFresh = true; this.redrawSpectrum(); });
       const value = document.createElement("span"), label = document.createElement("label");
       value.id = `sinew-now-${line.key}`;
       label.append(box, swatch(line), this.label(line.key), value);
@@ -242,7 +243,7 @@ export class Oscilloscope {
 
   listen() {
     const canvas = $("sinew-scope"), on = (id, what, then) => $(id)?.addEventListener(what, (event) => { then(event); this.remember(); });
-    on("sinew-base", "change", (event) => { const end = this.shown.end; this.base = Number(event.target.value); this.follows ? this.told() : this.go(end - this.base, end); this.isFresh = true; });
+    on("sinew-base", "change", (event) => { const end = this.shown.end; this.base = this.chosen = Number(event.target.value); this.follows ? this.told() : this.go(end - this.base, end); this.isFresh = true; });
     on("sinew-freeze", "click", () => this.follows ? this.stand() : this.live());
     on("sinew-live", "click", () => this.live());
     on("sinew-first", "click", () => this.go(0, this.base));
@@ -259,6 +260,8 @@ export class Oscilloscope {
     on("sinew-operation", "change", (event) => { this.maths.operation = event.target.value; this.see(); });
     for (const one of ["x", "y"]) on(`sinew-maths-${one}`, "change", (event) => { this.maths[one] = event.target.value; this.see(); });
     on("sinew-spectrum", "click", (event) => { this.spectrum = press(event.target) ? { due: 0 } : null; $("sinew-spectrum-box").hidden = !this.spectrum; this.isFresh = true; });
+    on("sinew-spectrum-most", "change", () => this.redrawSpectrum());
+    on("sinew-cursors-here", "click", () => this.fetchCursors());
     canvas.addEventListener("keydown", (event) => this.key(event));
     canvas.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && document.activeElement !== canvas) return; // the page scrolls
@@ -267,9 +270,9 @@ export class Oscilloscope {
     }, { passive: false });
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => this.point(event));
     canvas.addEventListener("dblclick", () => this.traces ? this.live() : this.go(0, this.end));
-    for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.isFresh = true; });
-    new ResizeObserver(() => { this.isFresh = true; }).observe(canvas);
-    new MutationObserver(() => setTimeout(() => { this.isFresh = true; }, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
+    for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.place(); });
+    whenItLooksOtherwise(canvas, () => { this.isFresh = true; });
+    whenItLooksOtherwise($("sinew-spectrum-canvas"), () => this.redrawSpectrum());
   }
 
   // What is computed is seen where it is asked for.
@@ -451,12 +454,14 @@ export class Oscilloscope {
     try {
       const answer = await fetch(`/samples/${this.pieces.name}/spectrum?begin=${Math.max(0, start)}&end=${end}`), said = await answer.json();
       if (!answer.ok) throw new Error(said.sentence);
-      asked.of = of;
-      this.drawSpectrum(said);
+      Object.assign(asked, { of, said });
+      this.redrawSpectrum();
     } catch (error) { put("sinew-peaks", String(error.message)); }
     asked.isAsking = false;
     this.isFresh = true;
   }
+
+  redrawSpectrum() { if (this.spectrum?.said) this.drawSpectrum(this.spectrum.said); }
 
   drawSpectrum({ frequency_hz: frequency, amplitude, resolution_hz, from_s, to_s }) {
     const bins = new Bins(this.bins.keys, frequency.length), none = new Float32Array(frequency.length).fill(NaN);

@@ -75,6 +75,13 @@ export function sized(canvas, height) {
   return { draw, width, height };
 }
 
+// Calls what draws a canvas where that has another width, or the theme other colours: some that stand still are drawn
+// for nothing else.
+export function whenItLooksOtherwise(canvas, then) {
+  new ResizeObserver(then).observe(canvas);
+  new MutationObserver(() => setTimeout(then, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
+}
+
 // Draws a path as wide as asked by hairlines beside one another: without a graphics card eight wide lines of 1200 points
 // take 13 ms, plain or dashed; hairlines take 1 and 2 ms.
 function stroke(draw, path, wide) {
@@ -288,16 +295,21 @@ export class Scope {
 }
 
 export class Lissajous {
-  constructor(canvas) { this.canvas = canvas; this.points = []; this.across = new Range(4); this.up = new Range(4); }
+  constructor(canvas) {
+    Object.assign(this, { canvas, points: [], across: new Range(4), up: new Range(4), isFresh: true });
+    whenItLooksOtherwise(canvas, () => { this.isFresh = true; });
+  }
 
-  reset() { this.points = []; }
+  reset() { this.points = []; this.isFresh = true; }
 
   put([drive, torsion]) {
     for (let i = 0; i < drive.length; i++) if (drive[i] !== null && torsion[i] !== null) this.points.push([drive[i], torsion[i]]);
     if (this.points.length > 400) this.points.splice(0, this.points.length - 400);
+    this.isFresh = true;
   }
 
   render() {
+    this.isFresh = false;
     const { draw, width, height } = sized(this.canvas, 250);
     for (const [range, at] of [[this.across, 0], [this.up, 1]]) {
       const most = this.points.reduce((found, point) => Math.max(found, Math.abs(point[at])), 0);
