@@ -55,6 +55,17 @@ export class Pieces {
     return null;
   }
 
+  // Value of a trace at a time, by the narrowest bins that were kept of it; NaN where there are none.
+  at(row, time) {
+    for (let level = 0; this.about && level <= this.about.most_level; level++) {
+      const piece = this.kept.get(`${level}/${Math.floor(time / this.long(level))}`), bins = piece && Bins.of(piece);
+      if (!bins?.count) continue;
+      const near = Math.min(Math.max(time, bins.time[0]), bins.time[bins.count - 1]); // a piece ends with the middle of a bin
+      if (Math.abs(near - time) < 2 ** level / this.about.finest_hz) return bins.at(row, near);
+    }
+    return NaN;
+  }
+
   ask() {
     while (this.wanted.length && this.underWay.size < AT_ONCE) this.fetch(this.wanted.shift());
     this.wanted.length = 0; // what is still wanted is asked for again
@@ -160,11 +171,20 @@ export const panelsOf = ({ shape: { tendons }, sensors, pose }) => [
 export class Oscilloscope {
   // rig: as the server draws it. traces: of the stream, or null where a run has ended. said: is told the time base.
   constructor(traces, told = () => {}) {
-    Object.assign(this, { traces, told, base: 5, follows: traces !== null, isTriggered: false, at: null, cursors: null, pieces: null,
+    Object.assign(this, { traces, told, base: 5, chosen: 5, isOver: false, follows: traces !== null, isTriggered: false, cursors: null, pieces: null,
       shown: { start: 0, end: 5 }, isFresh: true, maths: { gain: false, operation: "", x: "torsion", y: "drive" }, mark: null, spectrum: null });
     this.pointers = new Map();
+    this.furnish();
     this.recall();
     this.listen();
+  }
+
+  // What brings cursors back that were left behind.
+  furnish() {
+    const here = document.createElement("button");
+    Object.assign(here, { type: "button", id: "sinew-cursors-here", className: "sinew-button", disabled: true, textContent: "Bring A and B here", title: "Both cursors into the picture: key C over it" });
+    $("sinew-cursor-row").firstElementChild.append(here);
+    $("sinew-scope-keys").append(" C brings both cursors into the picture.");
   }
 
   // What was chosen on a page before; of what it cannot be, nothing.
@@ -285,7 +305,14 @@ export class Oscilloscope {
   // It stands still where it is.
   stand() { this.go(this.shown.start, this.shown.end); }
 
-  live() { this.follows = this.traces !== null; this.base = Math.min(this.base, 60); this.mark = null; this.told(); this.tell(); }
+  live() {
+    this.follows = this.traces !== null; this.base = Math.min(this.base, 60); this.mark = null;
+    this.fetchCursors(); // what follows has no time of theirs to come back to
+    this.told(); this.tell();
+  }
+
+  // Whether the run is over: there is nothing to freeze then.
+  over(isOver) { if (isOver !== this.isOver) { this.isOver = isOver; this.tell(); } }
 
   // It stands still where it is sent to, within the run.
   go(start, end) {
@@ -316,8 +343,8 @@ export class Oscilloscope {
   key(event) {
     const step = event.shiftKey ? 1 : 0.1, steps = { ArrowLeft: () => this.move(-step), ArrowRight: () => this.move(step), "+": () => this.zoom(0.8), "=": () => this.zoom(0.8),
       "-": () => this.zoom(1.25), Home: () => this.go(0, this.base), End: () => this.traces ? this.live() : this.go(this.end - this.base, this.end),
-      PageUp: () => this.move(-1), PageDown: () => this.move(1), " ": () => this.follows ? this.stand() : this.live() };
-    const act = event.ctrlKey || event.altKey || event.metaKey ? null : steps[event.key];
+      PageUp: () => this.move(-1), PageDown: () => this.move(1), " ": () => this.isOver ? null : this.follows ? this.stand() : this.live(), c: () => this.fetchCursors() };
+    const act = event.ctrlKey || event.altKey || event.metaKey ? null : steps[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (act) { event.preventDefault(); act(); }
   }
 
@@ -351,7 +378,19 @@ export class Oscilloscope {
     $("sinew-cursor-row").hidden = !this.cursors;
     if (this.cursors) $("sinew-values").open = true;
     for (const [i, one] of ["a", "b"].entries()) if (this.cursors) $(`sinew-cursor-${one}`).value = String(this.cursors[i]);
+    $("sinew-cursors-here").disabled = !this.isAway;
     this.isFresh = true;
+  }
+
+  get isAway() { return Boolean(this.cursors?.some((share) => share < 0 || share > 1)); }
+
+  // Cursors that were left behind come to where the picture is.
+  fetchCursors() { if (this.isAway) { this.cursors = [1 / 3, 2 / 3]; this.place(); this.remember(); } }
+
+  // Value of a trace at a time: of what is seen, else of what is kept of the run; what is computed is so of what is seen.
+  valueAt(row, time) {
+    const { bins, pieces } = this, isSeen = bins.count && bins.time[0] <= time && time <= bins.time[bins.count - 1];
+    return isSeen ? bins.at(row, time) : row < this.rows ? pieces?.at(row, time) ?? NaN : NaN;
   }
 
   // Where the picture is: at the newest sample, or at the last crossing of the lever's zero after which it is filled.
@@ -387,6 +426,10 @@ export class Oscilloscope {
       if (other) for (let k = 0; k < other.time.length; k++) { if (other.time[k] >= from && other.time[k] < to) bins.add(other.time[k], other.low, other.high, k, rows); }
       else ring(from, to - 1e-9);
       if (!piece || piece.share < 1) this.missing.push([piece ? Math.max(from, piece.time.at(-1) ?? from) : from, Math.min(to, this.end)]);
+    }
+    for (const share of this.isAway ? this.cursors : []) { // they are read where they are
+      const time = this.cursorTime(share);
+      if (time >= 0 && time < this.end) this.pieces.get(level, Math.floor(time / long));
     }
     this.pieces.ask();
     return bins;
@@ -429,7 +472,7 @@ export class Oscilloscope {
     }
     const rows = lines.map((line) => {
       const row = bins.row(line.key), unit = this.unit(line.key), digits = unit === "A" ? 3 : 2, [low, high] = bins.range(row, start, end);
-      const values = cursors.map(({ time }) => bins.at(row, time));
+      const values = cursors.map(({ time }) => this.valueAt(row, time));
       return { line, unit, cells: [bins.newest(row, start, end), low, high, ...values, ...(values.length ? [values[1] - values[0]] : [])].map((v) => fixed(v, digits)) };
     });
     $("sinew-scope").setAttribute("aria-label", `Oscilloscope, ${fixed(start, 1)} to ${fixed(end, 1)} s. `

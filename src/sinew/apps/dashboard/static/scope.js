@@ -138,6 +138,8 @@ export class Bins {
     this.high = keys.map(() => new Float32Array(capacity));
   }
 
+  static of({ time, low, high }) { return Object.assign(new Bins([], 0), { time, low, high, count: time.length }); }
+
   clear() { this.count = 0; }
 
   add(time, low, high, i, rows) {
