@@ -128,7 +128,9 @@ def test_the_whole_run_is_seen_and_the_way_back_leads_to_its_first_sample(page: 
     assert seen[0] == 0.0
     assert seen[1] == pytest.approx(LONG_S, abs=2.0)
     assert seen[2] < 3 * page.evaluate("SinewScope.scope.pixels")
+    assert page.locator("#sinew-base input:checked").count() == 0
     page.locator("#sinew-base label", has_text="2 s").click()
+    assert page.locator("#sinew-base input:checked").input_value() == "2"
     page.focus("#sinew-scope")
     page.keyboard.press("Home")
     page.wait_for_function(f"{SHOWN} && SinewScope.scope.end - SinewScope.scope.start < 3")

@@ -105,6 +105,12 @@ function isOfNow() {
   return Boolean(live && run && run.name === live.name && old !== null && old < FRESH_S && socket?.readyState === WebSocket.OPEN);
 }
 
+// Whether all samples of the run that is seen have come. Its traces are what it measured then, and keep their colours.
+function isOver() {
+  const { live, steward } = state ?? {}, run = steward?.run;
+  return Boolean(live && steward && (!run || run.name !== live.name || run.state === "finishing") && socket?.readyState === WebSocket.OPEN);
+}
+
 // What is not of now must not look as if it were.
 function age() {
   const live = state?.live, run = state?.steward?.run, old = ageOfValues(), isNow = isOfNow();
@@ -113,6 +119,7 @@ function age() {
   const { last, emergency } = state?.steward ?? {}, ends = [last?.sentence, emergency?.at >= last?.started ? emergency.sentence : ""];
   const kind = !isStale || run ? "" : /let down|torque off/.test(ends.join()) ? "last sample, before the release" : "last sample";
   document.body.dataset.stale = String(isStale);
+  scope.over(isOver());
   for (const card of document.querySelectorAll(".sinew-live")) {
     card.classList.toggle("stale", isStale);
     for (const [part, said] of [[".sinew-age", text], [".sinew-last", kind]]) {

@@ -191,7 +191,7 @@ export class Oscilloscope {
   recall() {
     const { base, isTriggered, isRead, isSpectrum, maths, lines } = kept(KEPT, {}), button = (id) => $(id)?.setAttribute("aria-pressed", "true");
     const radio = [...document.querySelectorAll("#sinew-base input")].find((one) => Number(one.value) === base);
-    if (radio) { radio.checked = true; this.base = base; this.shown.end = base; }
+    if (radio) { radio.checked = true; this.base = this.chosen = base; this.shown.end = base; }
     if (isTriggered && this.traces) { this.isTriggered = true; button("sinew-trigger"); }
     if (isRead) { this.cursors = [1 / 3, 2 / 3]; button("sinew-cursors"); this.place(); }
     if (isSpectrum) { this.spectrum = { due: 0 }; button("sinew-spectrum"); $("sinew-spectrum-box").hidden = false; }
@@ -204,7 +204,7 @@ export class Oscilloscope {
   }
 
   remember() {
-    const base = Number(document.querySelector("#sinew-base input:checked")?.value);
+    const base = this.chosen;
     const isTriggered = this.traces ? this.isTriggered : kept(KEPT, {}).isTriggered; // a run that has ended has no trigger
     keep(KEPT, { base, isTriggered, isRead: this.cursors !== null, isSpectrum: this.spectrum !== null, maths: this.maths, lines: this.lines });
   }
@@ -335,8 +335,12 @@ export class Oscilloscope {
   }
 
   tell() {
-    const freeze = $("sinew-freeze");
-    if (freeze) { freeze.textContent = this.follows ? "Freeze" : "Go on"; freeze.setAttribute("aria-pressed", String(!this.follows)); }
+    const freeze = $("sinew-freeze"), isHeld = !this.follows && !this.isOver;
+    if (freeze) {
+      freeze.textContent = isHeld ? "Go on" : "Freeze"; freeze.setAttribute("aria-pressed", String(isHeld));
+      freeze.disabled = this.isOver; freeze.title = this.isOver ? "The run is over: nothing moves" : "";
+    }
+    for (const one of document.querySelectorAll("#sinew-base input")) one.checked = Math.abs(Number(one.value) - this.base) < 1e-6;
     this.isFresh = true;
   }
 
@@ -446,7 +450,7 @@ export class Oscilloscope {
     const bins = this.filled(start - more, end, this.follows);
     if (this.maths.gain || this.maths.operation) compute(bins, this.maths);
     const cursors = (this.cursors ?? []).map((share, i) => ({ time: this.cursorTime(share), name: "AB"[i] }));
-    this.scope.render(bins, start, end, { cursors, missing: this.missing, still: !this.follows, mark: this.mark });
+    this.scope.render(bins, start, end, { cursors, missing: this.missing, still: !this.follows || this.isOver, mark: this.mark });
     this.read(cursors);
     return true;
   }
@@ -482,7 +486,7 @@ export class Oscilloscope {
   }
 
   table(rows, isRead) {
-    const heads = ["", this.follows ? "now" : "at the end", "least", "largest", ...(isRead ? ["at A", "at B", "B − A"] : [])];
+    const heads = ["", this.follows && !this.isOver ? "now" : "at the end", "least", "largest", ...(isRead ? ["at A", "at B", "B − A"] : [])];
     const cells = (kind, texts) => { const tr = document.createElement("tr"); tr.append(...texts.map((text, i) => { const cell = document.createElement(i === 0 && kind === "td" ? "th" : kind); if (cell.tagName === "TH") cell.scope = kind === "th" ? "col" : "row"; cell.append(text); return cell; })); return tr; };
     const name = ({ line, unit }) => { const span = document.createElement("span"); span.append(swatch(line), ` ${this.label(line.key)}${unit ? ` / ${unit}` : ""}`); return span; };
     $("sinew-values").querySelector("thead").replaceChildren(cells("th", heads));
