@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.browser.dashboard import Served, choose_plan, served
+from tests.browser.test_scope import NARROW
 from tests.contracts.emulated_bench import alone, rig_file
 
 from sinew.bench.record.journal import JournalReader
@@ -136,6 +137,24 @@ def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, ben
         page.click("a[data-kind=recording]")
     download.value.save_as(tmp_path / "got.nc")
     assert set(map(str, load_recording(tmp_path / "got.nc")["kind"].values)) == {"idle", "settle", "steady"}
+
+
+def test_traces_of_a_run_that_is_over_keep_their_colours_and_fit_a_window_of_another_size(
+    opened: Open, bench: Served
+) -> None:
+    page = opened(bench)
+    start(page, bench, "brief")
+    page.wait_for_function("Sinew.status().run === null && document.body.dataset.stale === 'true'", timeout=120_000)
+    page.wait_for_selector("#sinew-freeze:disabled")
+    canvases = ("sinew-scope", "sinew-lissajous")
+    filters = [page.evaluate("id => getComputedStyle(document.getElementById(id)).filter", id_) for id_ in canvases]
+    assert filters == ["none", "none"]
+    assert "gradient" in page.evaluate(
+        "getComputedStyle(document.querySelector('.sinew-live:has(#sinew-tension)')).backgroundImage"
+    )
+    page.set_viewport_size({"width": 600, "height": 900})
+    for id_ in canvases:
+        page.wait_for_function(NARROW, arg=id_)
 
 
 def test_killing_the_pages_server_loses_no_sample(opened: Open, bench: Served) -> None:

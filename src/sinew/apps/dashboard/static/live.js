@@ -122,6 +122,7 @@ function age() {
   scope.over(isOver());
   for (const card of document.querySelectorAll(".sinew-live")) {
     card.classList.toggle("stale", isStale);
+    card.classList.toggle("over", isStale && isOver());
     for (const [part, said] of [[".sinew-age", text], [".sinew-last", kind]]) {
       const place = card.querySelector(part);
       if (place && place.textContent !== said) place.textContent = said;
