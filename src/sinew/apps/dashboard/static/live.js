@@ -56,7 +56,7 @@ function connect() {
 }
 
 function take(frame) {
-  if (frame.reset) { scope.forget(); traces.reset(frame.traces); lissajous.reset(); if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
+  if (frame.reset) { scope.forget(); traces.reset(frame.traces); lissajous.reset(); now = []; if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
   traces.put(frame);
   lissajous.put(frame.points);
   if (frame.now.length) now = frame.now;
