@@ -118,8 +118,13 @@ def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench
 def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pulls(opened: Open, bench: Served) -> None:
     page = opened(bench)
     page.wait_for_function("document.getElementById('sinew-limit-tension').value === '180'")
+    page.fill("#sinew-limit-tension", "-3")
+    page.keyboard.press("Tab")
+    assert page.inner_text("#sinew-limit-said-tension") == "-3 is below 0: the limit stays 180 N."
+    assert page.input_value("#sinew-limit-tension") == "180"
     page.fill("#sinew-limit-tension", "12")
     page.keyboard.press("Tab")
+    assert page.inner_text("#sinew-limit-said-tension") == ""
     start(page, bench, "brief")
     page.wait_for_selector("#sinew-notice-alarm-tension[role=alert]")
     said = page.inner_text("#sinew-notice-alarm-tension")

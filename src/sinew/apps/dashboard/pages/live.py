@@ -124,7 +124,9 @@ def _alarms_card() -> None:
     rows = "".join(
         f'<tr id="sinew-alarm-{key}"><th scope="row"><label for="sinew-limit-{key}">{label}</label></th>'
         f'<td id="sinew-reading-{key}">–</td>'
-        f'<td><input type="number" min="0" step="any" inputmode="decimal" id="sinew-limit-{key}"> {unit}</td>'
+        f'<td><input type="number" min="0" step="any" inputmode="decimal" id="sinew-limit-{key}" '
+        f'aria-describedby="sinew-limit-said-{key}"> {unit}'
+        f'<div id="sinew-limit-said-{key}" class="sinew-limit-said" role="status"></div></td>'
         f'<td id="sinew-most-{key}">–</td><td id="sinew-alarm-state-{key}">quiet</td></tr>'
         for key, label, unit in _READINGS
     )
