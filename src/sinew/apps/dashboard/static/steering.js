@@ -390,11 +390,19 @@ async function claim() {
 }
 await claim();
 
-const given = new URLSearchParams(location.hash.slice(1)).get("token");
-if (given) {
+// Signs in by the token of the address, where it has one. The address may come into a tab that shows a page already.
+async function enter() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (!given) return false;
   history.replaceState(null, "", location.pathname + location.search);
   const trouble = await login(given).catch((lost) => `The bench could not be reached (${lost.message}).`);
-  if (trouble) signIn(trouble); else if (config.locked) location.reload();
-} else if (ticket === null) await takeTicket().catch(() => null);
+  if (trouble) { signIn(trouble); put($("said"), trouble); }
+  else if (location.pathname === "/login") location.replace("/");
+  else if (config.locked) location.reload();
+  else if (dialog.open) closeDialog();
+  return true;
+}
+addEventListener("hashchange", enter);
+if (!await enter() && ticket === null) await takeTicket().catch(() => null);
 await poll();
 setInterval(() => { poll(); tellLost(); }, POLL_MS);
