@@ -107,6 +107,7 @@ function label() {
   const button = $("sinew-emergency"), isOut = status !== null && !status.signed_in && !status.may_stop;
   put(button.querySelector("b"), stopped?.title ?? "EMERGENCY STOP");
   put(button.querySelector("span"), stopped?.line ?? (isOut ? "sign in first" : "F9 · Esc Esc"));
+  button.classList.toggle("told", Boolean(stopped || isOut)); // its keys are no news, and none on a device without them
   button.classList.toggle("unreachable", !stopped && (reachable === false || isOut));
 }
 
