@@ -138,34 +138,26 @@ def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pul
     assert "the limit is 12 N" in said
 
 
-def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, bench: Served, tmp_path: Path) -> None:
+def test_a_finished_run_keeps_its_colours_is_opened_and_its_recording_downloaded(
+    opened: Open, bench: Served, tmp_path: Path
+) -> None:
     page = opened(bench)
     folder = start(page, bench, "brief")
     page.wait_for_function("Sinew.status().run === null && Sinew.status().last !== null", timeout=120_000)
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    page.wait_for_selector("#sinew-freeze:disabled")
+    page.set_viewport_size({"width": 600, "height": 900})
+    for canvas in ("sinew-scope", "sinew-lissajous"):
+        page.wait_for_function(NARROW, arg=canvas)
+        assert page.evaluate("id => getComputedStyle(document.getElementById(id)).filter", canvas) == "none"
+    readings = "getComputedStyle(document.querySelector('.sinew-live:has(#sinew-tension)')).backgroundImage"
+    assert "gradient" in page.evaluate(readings)
     page.goto(f"{bench.base}/runs/{folder.name}")
     page.wait_for_selector("a[data-kind=recording]")
     with page.expect_download() as download:
         page.click("a[data-kind=recording]")
     download.value.save_as(tmp_path / "got.nc")
     assert set(map(str, load_recording(tmp_path / "got.nc")["kind"].values)) == {"idle", "settle", "steady"}
-
-
-def test_traces_of_a_run_that_is_over_keep_their_colours_and_fit_a_window_of_another_size(
-    opened: Open, bench: Served
-) -> None:
-    page = opened(bench)
-    start(page, bench, "brief")
-    page.wait_for_function("Sinew.status().run === null && document.body.dataset.stale === 'true'", timeout=120_000)
-    page.wait_for_selector("#sinew-freeze:disabled")
-    canvases = ("sinew-scope", "sinew-lissajous")
-    filters = [page.evaluate("id => getComputedStyle(document.getElementById(id)).filter", id_) for id_ in canvases]
-    assert filters == ["none", "none"]
-    assert "gradient" in page.evaluate(
-        "getComputedStyle(document.querySelector('.sinew-live:has(#sinew-tension)')).backgroundImage"
-    )
-    page.set_viewport_size({"width": 600, "height": 900})
-    for id_ in canvases:
-        page.wait_for_function(NARROW, arg=id_)
 
 
 def test_killing_the_pages_server_loses_no_sample(opened: Open, bench: Served) -> None:
