@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.browser.dashboard import Served, choose_plan, served
+from tests.browser.test_scope import NARROW
 from tests.contracts.emulated_bench import alone, rig_file
 
 from sinew.bench.record.journal import JournalReader
@@ -67,7 +68,13 @@ def test_a_newcomer_comes_to_a_finished_run_with_its_curve_by_three_clicks_in_a_
 ) -> None:
     began = time.monotonic()
     with served(tmp_path / "runs", "--emulate") as dashboard:
-        page = opened(dashboard)
+        page = opened(dashboard, signed_in=False)
+        # The address is pasted into a tab that shows the page already.
+        page.evaluate("hash => { location.hash = hash; }", dashboard.link.split("#")[1])
+        page.wait_for_function("Sinew.status()?.signed_in && !location.hash")
+        for key in ("Tab", "Tab", "Enter", "Tab"):  # the stop, then past the head
+            page.keyboard.press(key)
+        assert page.evaluate("document.activeElement.textContent") == "Plan a run"
         page.get_by_role("link", name="Plan a run").click()
         page.get_by_role("button", name="Take control and start").click()
         page.wait_for_url(f"{dashboard.base}/")
@@ -117,8 +124,13 @@ def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench
 def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pulls(opened: Open, bench: Served) -> None:
     page = opened(bench)
     page.wait_for_function("document.getElementById('sinew-limit-tension').value === '180'")
+    page.fill("#sinew-limit-tension", "-3")
+    page.keyboard.press("Tab")
+    assert page.inner_text("#sinew-limit-said-tension") == "-3 is below 0: the limit stays 180 N."
+    assert page.input_value("#sinew-limit-tension") == "180"
     page.fill("#sinew-limit-tension", "12")
     page.keyboard.press("Tab")
+    assert page.inner_text("#sinew-limit-said-tension") == ""
     start(page, bench, "brief")
     page.wait_for_selector("#sinew-notice-alarm-tension[role=alert]")
     said = page.inner_text("#sinew-notice-alarm-tension")
@@ -126,10 +138,20 @@ def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pul
     assert "the limit is 12 N" in said
 
 
-def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, bench: Served, tmp_path: Path) -> None:
+def test_a_finished_run_keeps_its_colours_is_opened_and_its_recording_downloaded(
+    opened: Open, bench: Served, tmp_path: Path
+) -> None:
     page = opened(bench)
     folder = start(page, bench, "brief")
     page.wait_for_function("Sinew.status().run === null && Sinew.status().last !== null", timeout=120_000)
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    page.wait_for_selector("#sinew-freeze:disabled")
+    page.set_viewport_size({"width": 600, "height": 900})
+    for canvas in ("sinew-scope", "sinew-lissajous"):
+        page.wait_for_function(NARROW, arg=canvas)
+        assert page.evaluate("id => getComputedStyle(document.getElementById(id)).filter", canvas) == "none"
+    readings = "getComputedStyle(document.querySelector('.sinew-live:has(#sinew-tension)')).backgroundImage"
+    assert "gradient" in page.evaluate(readings)
     page.goto(f"{bench.base}/runs/{folder.name}")
     page.wait_for_selector("a[data-kind=recording]")
     with page.expect_download() as download:

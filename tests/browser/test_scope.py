@@ -58,6 +58,13 @@ def drag(page: Any, before: float, after: float) -> None:
     page.mouse.up()
 
 
+NARROW = """(id) => {
+  const canvas = document.getElementById(id);
+  return canvas.clientWidth < 700 && canvas.width === Math.round(canvas.clientWidth * Math.min(2, devicePixelRatio));
+}"""
+"""Whether a canvas has the width of a narrow window, and is drawn for it."""
+
+
 def numbers(text: str) -> list[float]:
     """Return the numbers of "A 1.2 s, B 3.4 s, Δt 2.2 s, 1/Δt 0.45 Hz"."""
     return [float(part.split()[-2]) for part in text.split(", ")]
@@ -98,6 +105,20 @@ def test_a_cursor_is_moved_by_keys_and_keeps_its_time_when_the_picture_moves(pag
     assert page.evaluate("SinewScope.cursorTime(SinewScope.cursors[0])") == pytest.approx(before, abs=1e-6)
 
 
+def test_cursors_that_are_left_behind_keep_their_values_and_are_fetched_by_a_key(page: Any) -> None:
+    show(page, 10.1, 12.1)
+    page.click("#sinew-cursors")
+    show(page, 20.0, 20.5)
+    page.wait_for_timeout(1000)  # pieces come, numbers follow three times a second
+    row = page.locator("#sinew-values tbody tr", has_text="lever θ").inner_text().split("\t")
+    expected = 20 * np.sin(2 * np.pi * SWING_HZ * (np.array([10.1 + 2.0 / 3, 10.1 + 4.0 / 3]) + 500.0))
+    assert list(map(float, row[-3:-1])) == pytest.approx(expected.tolist(), abs=0.3)
+    page.focus("#sinew-scope")
+    page.keyboard.press("c")
+    assert page.evaluate("SinewScope.cursors") == pytest.approx([1 / 3, 2 / 3])
+    assert page.is_disabled("#sinew-cursors-here")
+
+
 def test_the_whole_run_is_seen_and_the_way_back_leads_to_its_first_sample(page: Any) -> None:
     page.click("#sinew-whole")
     page.wait_for_function(f"{SHOWN} && SinewScope.scope.end > 599", timeout=120_000)
@@ -107,7 +128,9 @@ def test_the_whole_run_is_seen_and_the_way_back_leads_to_its_first_sample(page: 
     assert seen[0] == 0.0
     assert seen[1] == pytest.approx(LONG_S, abs=2.0)
     assert seen[2] < 3 * page.evaluate("SinewScope.scope.pixels")
+    assert page.locator("#sinew-base input:checked").count() == 0
     page.locator("#sinew-base label", has_text="2 s").click()
+    assert page.locator("#sinew-base input:checked").input_value() == "2"
     page.focus("#sinew-scope")
     page.keyboard.press("Home")
     page.wait_for_function(f"{SHOWN} && SinewScope.scope.end - SinewScope.scope.start < 3")
@@ -121,6 +144,8 @@ def test_the_spectrum_says_where_the_swing_is(page: Any) -> None:
     page.click("#sinew-spectrum")
     page.wait_for_function("document.querySelector('#sinew-peaks').textContent.includes('lever')")
     assert "at 3.00 Hz" in page.inner_text("#sinew-peaks").split("lever θ")[1].split(";")[0]
+    page.set_viewport_size({"width": 700, "height": 900})
+    page.wait_for_function(NARROW, arg="sinew-spectrum-canvas")
 
 
 TRIGGERED = """async ([hz, gain]) => {
@@ -167,3 +192,19 @@ def test_what_was_chosen_is_there_again_after_the_page_was_left(page: Any, swung
     chosen = (page.locator("#sinew-legend input").first.is_checked(), page.is_checked("#sinew-gain"))
     assert (*chosen, page.get_attribute("#sinew-cursors", "aria-pressed")) == (False, True, "true")
     assert "drive_command" not in page.evaluate("SinewScope.scope.lines(SinewScope.bins).map((line) => line.key)")
+
+
+def test_every_axis_has_two_ticks_at_least(page: Any) -> None:
+    random = np.random.default_rng(3)
+    low, span = random.normal(size=300), 10 ** random.uniform(-3, 3, 300)
+    about = random.uniform(2, 8, 300)
+    found = page.evaluate(
+        """async (rows) => {
+          const { ticks } = await import("/sinew/scope.js");
+          return rows.map(([low, high, about]) => ticks(low, high, about)).map(({ found, digits }) =>
+            new Set(found.map((at) => at.toFixed(digits))).size);
+        }""",
+        np.column_stack([low, low + span, about]).tolist(),
+    )
+    assert min(found) >= 2
+    assert max(found) <= 11

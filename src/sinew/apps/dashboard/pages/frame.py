@@ -106,11 +106,12 @@ def _head(site: Site, here: str) -> str:
         f'<script type="module" src="/sinew/{name}.js?{site.version}"></script>' for name in ("theme", "steering")
     )
     themes = choice("sinew-theme", "Theme", (("auto", "Auto"), ("light", "Light"), ("dark", "Dark")), "auto")
-    return f"""{_STOP}<header class="sinew-header"><a class="sinew-brand" href="/">Sinew</a>
+    skip = '<a class="sinew-skip" href="#sinew-notices">Skip to the content</a>'  # which begins with what is to be said
+    return f"""{_STOP}{skip}<header class="sinew-header"><a class="sinew-brand" href="/">Sinew</a>
 <nav class="sinew-nav" aria-label="Pages">{links}</nav>{themes}
 <section id="sinew-bar" aria-label="Steering"><div id="sinew-buttons">{buttons}</div>
 <span id="sinew-state" class="sinew-chip">Connecting</span><span id="sinew-who"></span></section></header>
-<section id="sinew-notices" aria-label="Notices"></section>
+<section id="sinew-notices" aria-label="Notices" tabindex="-1"></section>
 {_data("sinew-config", config)}{scripts}"""
 
 

@@ -1,14 +1,17 @@
 """The live page: joint, oscilloscope, Lissajous figure, curves, bench."""
 
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.hub import Results
 from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import Site, card, choice, framed, live_card, quantity, script
 from sinew.apps.dashboard.pages.samples import lay_out_scope
+from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.apps.dashboard.work.samples import drawn_rig
 from sinew.plan.toml import load_rig
 
@@ -25,22 +28,31 @@ def add_live_page(site: Site) -> None:
     def live() -> None:
         with framed(site, "Live", "/"):
             ui.label("Live").props("role=heading aria-level=1").classes("sinew-hidden")
-            nothing = "Nothing has run yet." if site.bench else "No bench: start sinew serve with --emulate."
+            nothing = _nothing(site.runs) if site.bench else "No bench: start sinew serve with --emulate."
             with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
                 ui.label(nothing).props("id=sinew-nothing-yet role=status").classes("text-bold")
                 ui.html(_STEPS, sanitize=False).props("id=sinew-steps")
             with ui.element("div").classes("sinew-grid"):
+                # As the grid of a desk shows them: what a key goes to next stands next.
+                gain, coming = _gain_card()
                 scene = _joint_card()
+                _numbers_card()
                 with live_card("Oscilloscope", 6) as place:
                     place.classes("sinew-at-scope")
                     lay_out_scope(is_live=True)
-                _numbers_card()
-                _curves(site)
+                _curves(site, gain, coming)
                 _bench_card()
                 _alarms_card()
                 _happened_card()
         script("sinew-live", {"scene": scene, "eye": _EYE, "rig": drawn_rig(rig)})
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
+
+
+def _nothing(runs: Path) -> str:
+    """Return that nothing has run; of what ran before, this page's server knows only that it lies in the folder."""
+    kept = any((folder / file).is_file() for folder in runs.glob("*/") for file in (JOURNAL, RECORDING))
+    since = "Nothing has run since this page's server began; the page Runs has what was run before."
+    return since if kept else "Nothing has run yet."
 
 
 _STEPS = """<ol class="sinew-steps">
@@ -83,7 +95,7 @@ def _numbers(rows: tuple[tuple[str, str], ...]) -> None:
 
 def _numbers_card() -> None:
     with live_card("Run", 3) as place:
-        place.classes("sinew-first sinew-at-run")
+        place.classes("sinew-at-run")
         _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at"), ("Recorded on", "source")))
         ui.html(
             '<progress id="sinew-progress" max="1" value="0" aria-label="Progress of the plan"></progress>'
@@ -124,7 +136,9 @@ def _alarms_card() -> None:
     rows = "".join(
         f'<tr id="sinew-alarm-{key}"><th scope="row"><label for="sinew-limit-{key}">{label}</label></th>'
         f'<td id="sinew-reading-{key}">–</td>'
-        f'<td><input type="number" min="0" step="any" inputmode="decimal" id="sinew-limit-{key}"> {unit}</td>'
+        f'<td><input type="number" min="0" step="any" inputmode="decimal" id="sinew-limit-{key}" '
+        f'aria-describedby="sinew-limit-said-{key}"> {unit}'
+        f'<div id="sinew-limit-said-{key}" class="sinew-limit-said" role="status"></div></td>'
         f'<td id="sinew-most-{key}">–</td><td id="sinew-alarm-state-{key}">quiet</td></tr>'
         for key, label, unit in _READINGS
     )
@@ -157,11 +171,27 @@ def _happened_card() -> None:
         )
 
 
-def _curves(site: Site) -> None:
-    """Lay out gain and phase, which grow with the run, and how they compare with what was predicted."""
+def _gain_card() -> tuple[Curves, ui.label]:
+    """Lay out the gain, which grows with the run; return its curves and what is said of them before they come."""
     with card("Resonance curve: gain, torsion over commanded amplitude", 6) as place:
         gain = Curves("gain")
-    place.classes("sinew-first sinew-at-curve")
+        coming = ui.label().classes("sinew-soft").props("id=sinew-coming role=status")
+    place.classes("sinew-at-curve")
+    return gain, coming
+
+
+def _coming(results: Results) -> str:
+    """Return how much is recorded as long as no point of a curve has come of it."""
+    live, run = results.hub.live, (results.hub.steward or {}).get("run")
+    begins = live is not None and run is not None and run["name"] != live.name
+    if live is None or begins or not live.groups_done or results.measured or results.trouble:
+        return ""
+    recorded = "1 group is" if live.groups_done == 1 else f"{live.groups_done} groups are"
+    return f"{recorded} recorded. A point comes for each swing at one frequency, as soon as it is analysed."
+
+
+def _curves(site: Site, gain: Curves, coming: ui.label) -> None:
+    """Lay out the phase, and how measured and predicted compare, and keep all of them up to date."""
     with card("Phase: lag of the torsion behind the lever, 90° at resonance", 6):
         phase = Curves("phase")
     with card("Measured against predicted", 6):
@@ -188,6 +218,7 @@ def _curves(site: Site) -> None:
 
     def look() -> None:
         nonlocal seen
+        coming.set_text(_coming(site.results))
         if site.results.version != seen:
             seen = site.results.version
             for curves in (gain, phase):

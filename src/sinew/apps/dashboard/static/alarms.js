@@ -108,6 +108,13 @@ export function typed(field) {
   return field.validity.badInput || (value !== null && !(value >= 0)) ? undefined : value;
 }
 
+// Why a limit is another than was typed, in words; empty where it is that one. typed, limit: as above.
+function whyOther(key, text, value, limit) {
+  const { unit } = READINGS.find((one) => one.key === key), stays = `the limit stays ${limit === null ? "off" : `${limit} ${unit}`}.`;
+  if (value === undefined) return `${text === "" ? "That" : text} is ${text < 0 ? "below 0" : "no number"}: ${stays}`;
+  return value === limit ? "" : `The rig itself stops at ${limit} ${unit}, so that is the limit.`;
+}
+
 function fill(key) {
   const field = $(`sinew-limit-${key}`);
   if (field) { field.value = limits[key] ?? ""; field.placeholder = "off"; }
@@ -118,6 +125,7 @@ function choose(drawn) {
   limits = limitsOf(rig.alarms, kept(limitsKey(), {}));
   for (const { key, unit } of READINGS) {
     fill(key);
+    put(`sinew-limit-said-${key}`, "");
     const most = rig.alarms[key].rig;
     put(`sinew-most-${key}`, most === null ? "–" : `${most} ${unit}`.replace(" °", "°").replace("°C", " °C"));
   }
@@ -248,14 +256,16 @@ function list() {
 
 export function begin() {
   for (const { key } of READINGS) $(`sinew-limit-${key}`).addEventListener("change", (event) => {
-    const value = typed(event.target);
-    if (value !== undefined && rig) {
+    const value = typed(event.target), text = event.target.value.trim();
+    if (!rig) return;
+    if (value !== undefined) {
       const own = { ...kept(limitsKey(), {}), [key]: value };
       limits = limitsOf(rig.alarms, own);
       keep(limitsKey(), { ...own, [key]: limits[key] });
     }
     event.target.value = ""; // what cannot be read stays in the field otherwise
     fill(key);
+    put(`sinew-limit-said-${key}`, whyOther(key, text, value, limits[key]));
   });
   $("sinew-limits-back").addEventListener("click", () => {
     try { localStorage.removeItem(limitsKey()); } catch { /* storage is off */ }

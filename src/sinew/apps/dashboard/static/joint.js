@@ -122,8 +122,8 @@ export class JointView {
     const row = (key) => this.traces.traces.findIndex((trace) => trace.key === key);
     const values = this.slow ? this.slowly(row, at) : (key) => now[row(key)];
     if (!values) return;
-    const told = [...KEYS, ...this.labels.map((_, i) => `tendon_${i + 1}_current`)].map((key) => values(key) ?? 0);
-    const is = `${this.factor} ${told.map((v) => v.toFixed(2))}`;
+    const given = [...KEYS, ...this.labels.map((_, i) => `tendon_${i + 1}_current`)].map(values), told = given.map((v) => v ?? 0);
+    const is = `${this.factor} ${given.map((v) => v?.toFixed(2))}`;
     if (is === this.was) return;
     this.was = is;
     const [torsion, drive, pitch, roll, shortening, ...currents] = told, radians = (degrees) => degrees * Math.PI / 180;
@@ -132,6 +132,7 @@ export class JointView {
     const sway = (key, value) => radians(this.mean[key] + this.factor * (value - this.mean[key]));
     const most = Math.max(this.rig.tension_limit_n, 1);
     this.tensions = currents.map((current) => Math.max(0, current) * this.rig.newton_per_ampere);
+    this.known = given.slice(KEYS.length).map(Number.isFinite); // before a sample came no tension is known, 0 N neither
     this.joint.pose(Math.min(MOST, Math.max(-MOST, this.factor * radians(torsion))), radians(drive), this.tensions.map((t) => t / most),
       [sway("pitch", pitch), sway("roll", roll)], shortening / this.rig.length_mm);
     this.isFresh = true;
@@ -163,7 +164,7 @@ export class JointView {
       if (!width || !Number.isFinite(point.x)) { label.textContent = ""; return; } // it is not drawn yet
       label.style.transform = `translate(-50%, -50%) translate(${((point.x + 1) / 2 * width).toFixed(1)}px, ${((1 - point.y) / 2 * height).toFixed(1)}px)`;
       label.style.zIndex = behind ? "0" : "1";
-      if (isDue) label.textContent = `${i + 1}: ${this.tensions[i].toFixed(0)} N`;
+      if (isDue) label.textContent = `${i + 1}: ${this.known[i] ? `${this.tensions[i].toFixed(0)} N` : "–"}`;
     });
   }
 }

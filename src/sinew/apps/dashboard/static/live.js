@@ -56,7 +56,7 @@ function connect() {
 }
 
 function take(frame) {
-  if (frame.reset) { scope.forget(); traces.reset(frame.traces); lissajous.reset(); if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
+  if (frame.reset) { scope.forget(); traces.reset(frame.traces); lissajous.reset(); now = []; if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
   traces.put(frame);
   lissajous.put(frame.points);
   if (frame.now.length) now = frame.now;
@@ -67,9 +67,9 @@ function take(frame) {
 // A frame that comes late is drawn when it comes, and the next one at its time: none is left out to keep in step.
 function draw(at) {
   requestAnimationFrame(draw);
-  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && draw.count !== traces.count;
+  const late = at - (draw.due ?? 0), isDue = late > -4, isDrawn = isDue && scope.render(), isNews = isDue && lissajous.isFresh;
   if (isDrawn) drawn++;
-  if (isNews) { draw.count = traces.count; lissajous.render(); }
+  if (isNews) lissajous.render();
   if (isDrawn || isNews || late > FRAME_MS()) { joint?.move(now, at); draw.due = Math.max(at, (draw.due ?? 0) + FRAME_MS()); }
   joint?.paint(at, isDue);
   if (at - drawnSince > 1000) {
@@ -105,6 +105,12 @@ function isOfNow() {
   return Boolean(live && run && run.name === live.name && old !== null && old < FRESH_S && socket?.readyState === WebSocket.OPEN);
 }
 
+// Whether all samples of the run that is seen have come. Its traces are what it measured then, and keep their colours.
+function isOver() {
+  const { live, steward } = state ?? {}, run = steward?.run;
+  return Boolean(live && steward && (!run || run.name !== live.name || run.state === "finishing") && socket?.readyState === WebSocket.OPEN);
+}
+
 // What is not of now must not look as if it were.
 function age() {
   const live = state?.live, run = state?.steward?.run, old = ageOfValues(), isNow = isOfNow();
@@ -113,8 +119,10 @@ function age() {
   const { last, emergency } = state?.steward ?? {}, ends = [last?.sentence, emergency?.at >= last?.started ? emergency.sentence : ""];
   const kind = !isStale || run ? "" : /let down|torque off/.test(ends.join()) ? "last sample, before the release" : "last sample";
   document.body.dataset.stale = String(isStale);
+  scope.over(isOver());
   for (const card of document.querySelectorAll(".sinew-live")) {
     card.classList.toggle("stale", isStale);
+    card.classList.toggle("over", isStale && isOver());
     for (const [part, said] of [[".sinew-age", text], [".sinew-last", kind]]) {
       const place = card.querySelector(part);
       if (place && place.textContent !== said) place.textContent = said;

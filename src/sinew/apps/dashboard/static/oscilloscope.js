@@ -3,7 +3,7 @@
 // It follows the newest samples, which the stream brings, or stands still anywhere between the run's first sample and
 // its newest, which come in pieces from the server: as many bins as the screen has columns, whatever is looked at.
 
-import { Bins, Scope, Traces, keep, kept } from "./scope.js";
+import { Bins, Scope, Traces, keep, kept, whenItLooksOtherwise } from "./scope.js";
 
 const PIECES = 64, AT_ONCE = 2, AGAIN_MS = 1000, SHORTEST_S = 0.02, PRE = 0.1, TABLE_MS = 300, SPECTRUM_MS = 1000, KEPT = "sinew-scope";
 const $ = (id) => document.getElementById(id);
@@ -53,6 +53,17 @@ export class Pieces {
       if (piece) return piece;
     }
     return null;
+  }
+
+  // Value of a trace at a time, by the narrowest bins that were kept of it; NaN where there are none.
+  at(row, time) {
+    for (let level = 0; this.about && level <= this.about.most_level; level++) {
+      const piece = this.kept.get(`${level}/${Math.floor(time / this.long(level))}`), bins = piece && Bins.of(piece);
+      if (!bins?.count) continue;
+      const near = Math.min(Math.max(time, bins.time[0]), bins.time[bins.count - 1]); // a piece ends with the middle of a bin
+      if (Math.abs(near - time) < 2 ** level / this.about.finest_hz) return bins.at(row, near);
+    }
+    return NaN;
   }
 
   ask() {
@@ -160,18 +171,27 @@ export const panelsOf = ({ shape: { tendons }, sensors, pose }) => [
 export class Oscilloscope {
   // rig: as the server draws it. traces: of the stream, or null where a run has ended. said: is told the time base.
   constructor(traces, told = () => {}) {
-    Object.assign(this, { traces, told, base: 5, follows: traces !== null, isTriggered: false, at: null, cursors: null, pieces: null,
+    Object.assign(this, { traces, told, base: 5, chosen: 5, isOver: false, follows: traces !== null, isTriggered: false, cursors: null, pieces: null,
       shown: { start: 0, end: 5 }, isFresh: true, maths: { gain: false, operation: "", x: "torsion", y: "drive" }, mark: null, spectrum: null });
     this.pointers = new Map();
+    this.furnish();
     this.recall();
     this.listen();
+  }
+
+  // What brings cursors back that were left behind.
+  furnish() {
+    const here = document.createElement("button");
+    Object.assign(here, { type: "button", id: "sinew-cursors-here", className: "sinew-button", disabled: true, textContent: "Bring A and B here", title: "Both cursors into the picture: key C over it" });
+    $("sinew-cursor-row").firstElementChild.append(here);
+    $("sinew-scope-keys").append(" C brings both cursors into the picture.");
   }
 
   // What was chosen on a page before; of what it cannot be, nothing.
   recall() {
     const { base, isTriggered, isRead, isSpectrum, maths, lines } = kept(KEPT, {}), button = (id) => $(id)?.setAttribute("aria-pressed", "true");
     const radio = [...document.querySelectorAll("#sinew-base input")].find((one) => Number(one.value) === base);
-    if (radio) { radio.checked = true; this.base = base; this.shown.end = base; }
+    if (radio) { radio.checked = true; this.base = this.chosen = base; this.shown.end = base; }
     if (isTriggered && this.traces) { this.isTriggered = true; button("sinew-trigger"); }
     if (isRead) { this.cursors = [1 / 3, 2 / 3]; button("sinew-cursors"); this.place(); }
     if (isSpectrum) { this.spectrum = { due: 0 }; button("sinew-spectrum"); $("sinew-spectrum-box").hidden = false; }
@@ -184,7 +204,7 @@ export class Oscilloscope {
   }
 
   remember() {
-    const base = Number(document.querySelector("#sinew-base input:checked")?.value);
+    const base = this.chosen;
     const isTriggered = this.traces ? this.isTriggered : kept(KEPT, {}).isTriggered; // a run that has ended has no trigger
     keep(KEPT, { base, isTriggered, isRead: this.cursors !== null, isSpectrum: this.spectrum !== null, maths: this.maths, lines: this.lines });
   }
@@ -197,6 +217,7 @@ export class Oscilloscope {
     this.scope = new Scope($("sinew-scope"), this.panels);
     for (const [key, is] of Object.entries(this.lines)) this.scope.hidden[is ? "delete" : "add"](key);
     this.rows = keys.length;
+    if (this.spectrum) this.spectrum = { due: 0 }; // the last one is of other traces
     this.bins = new Bins([...keys, ...MATHS.map((one) => one.key)]);
     this.name(name);
     this.legend();
@@ -223,7 +244,7 @@ export class Oscilloscope {
       if (MATHS.some((one) => one.key === line.key)) continue;
       const box = document.createElement("input");
       box.type = "checkbox"; box.checked = !this.scope.hidden.has(line.key);
-      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.lines[line.key] = box.checked; this.remember(); this.isFresh = true; });
+      box.addEventListener("change", () => { this.scope.hidden[box.checked ? "delete" : "add"](line.key); this.lines[line.key] = box.checked; this.remember(); this.isFresh = true; this.redrawSpectrum(); });
       const value = document.createElement("span"), label = document.createElement("label");
       value.id = `sinew-now-${line.key}`;
       label.append(box, swatch(line), this.label(line.key), value);
@@ -242,7 +263,7 @@ export class Oscilloscope {
 
   listen() {
     const canvas = $("sinew-scope"), on = (id, what, then) => $(id)?.addEventListener(what, (event) => { then(event); this.remember(); });
-    on("sinew-base", "change", (event) => { const end = this.shown.end; this.base = Number(event.target.value); this.follows ? this.told() : this.go(end - this.base, end); this.isFresh = true; });
+    on("sinew-base", "change", (event) => { const end = this.shown.end; this.base = this.chosen = Number(event.target.value); this.follows ? this.told() : this.go(end - this.base, end); this.isFresh = true; });
     on("sinew-freeze", "click", () => this.follows ? this.stand() : this.live());
     on("sinew-live", "click", () => this.live());
     on("sinew-first", "click", () => this.go(0, this.base));
@@ -259,6 +280,8 @@ export class Oscilloscope {
     on("sinew-operation", "change", (event) => { this.maths.operation = event.target.value; this.see(); });
     for (const one of ["x", "y"]) on(`sinew-maths-${one}`, "change", (event) => { this.maths[one] = event.target.value; this.see(); });
     on("sinew-spectrum", "click", (event) => { this.spectrum = press(event.target) ? { due: 0 } : null; $("sinew-spectrum-box").hidden = !this.spectrum; this.isFresh = true; });
+    on("sinew-spectrum-most", "change", () => this.redrawSpectrum());
+    on("sinew-cursors-here", "click", () => this.fetchCursors());
     canvas.addEventListener("keydown", (event) => this.key(event));
     canvas.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && document.activeElement !== canvas) return; // the page scrolls
@@ -267,9 +290,9 @@ export class Oscilloscope {
     }, { passive: false });
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => this.point(event));
     canvas.addEventListener("dblclick", () => this.traces ? this.live() : this.go(0, this.end));
-    for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.isFresh = true; });
-    new ResizeObserver(() => { this.isFresh = true; }).observe(canvas);
-    new MutationObserver(() => setTimeout(() => { this.isFresh = true; }, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
+    for (const one of ["a", "b"]) on(`sinew-cursor-${one}`, "input", (event) => { this.cursors[one === "a" ? 0 : 1] = Number(event.target.value); this.place(); });
+    whenItLooksOtherwise(canvas, () => { this.isFresh = true; });
+    whenItLooksOtherwise($("sinew-spectrum-canvas"), () => this.redrawSpectrum());
   }
 
   // What is computed is seen where it is asked for.
@@ -282,7 +305,14 @@ export class Oscilloscope {
   // It stands still where it is.
   stand() { this.go(this.shown.start, this.shown.end); }
 
-  live() { this.follows = this.traces !== null; this.base = Math.min(this.base, 60); this.mark = null; this.told(); this.tell(); }
+  live() {
+    this.follows = this.traces !== null; this.base = Math.min(this.base, 60); this.mark = null;
+    this.fetchCursors(); // what follows has no time of theirs to come back to
+    this.told(); this.tell();
+  }
+
+  // Whether the run is over: there is nothing to freeze then.
+  over(isOver) { if (isOver !== this.isOver) { this.isOver = isOver; this.tell(); } }
 
   // It stands still where it is sent to, within the run.
   go(start, end) {
@@ -305,16 +335,20 @@ export class Oscilloscope {
   }
 
   tell() {
-    const freeze = $("sinew-freeze");
-    if (freeze) { freeze.textContent = this.follows ? "Freeze" : "Go on"; freeze.setAttribute("aria-pressed", String(!this.follows)); }
+    const freeze = $("sinew-freeze"), isHeld = !this.follows && !this.isOver;
+    if (freeze) {
+      freeze.textContent = isHeld ? "Go on" : "Freeze"; freeze.setAttribute("aria-pressed", String(isHeld));
+      freeze.disabled = this.isOver; freeze.title = this.isOver ? "The run is over: nothing moves" : "";
+    }
+    for (const one of document.querySelectorAll("#sinew-base input")) one.checked = Math.abs(Number(one.value) - this.base) < 1e-6;
     this.isFresh = true;
   }
 
   key(event) {
     const step = event.shiftKey ? 1 : 0.1, steps = { ArrowLeft: () => this.move(-step), ArrowRight: () => this.move(step), "+": () => this.zoom(0.8), "=": () => this.zoom(0.8),
       "-": () => this.zoom(1.25), Home: () => this.go(0, this.base), End: () => this.traces ? this.live() : this.go(this.end - this.base, this.end),
-      PageUp: () => this.move(-1), PageDown: () => this.move(1), " ": () => this.follows ? this.stand() : this.live() };
-    const act = event.ctrlKey || event.altKey || event.metaKey ? null : steps[event.key];
+      PageUp: () => this.move(-1), PageDown: () => this.move(1), " ": () => this.isOver ? null : this.follows ? this.stand() : this.live(), c: () => this.fetchCursors() };
+    const act = event.ctrlKey || event.altKey || event.metaKey ? null : steps[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (act) { event.preventDefault(); act(); }
   }
 
@@ -348,7 +382,19 @@ export class Oscilloscope {
     $("sinew-cursor-row").hidden = !this.cursors;
     if (this.cursors) $("sinew-values").open = true;
     for (const [i, one] of ["a", "b"].entries()) if (this.cursors) $(`sinew-cursor-${one}`).value = String(this.cursors[i]);
+    $("sinew-cursors-here").disabled = !this.isAway;
     this.isFresh = true;
+  }
+
+  get isAway() { return Boolean(this.cursors?.some((share) => share < 0 || share > 1)); }
+
+  // Cursors that were left behind come to where the picture is.
+  fetchCursors() { if (this.isAway) { this.cursors = [1 / 3, 2 / 3]; this.place(); this.remember(); } }
+
+  // Value of a trace at a time: of what is seen, else of what is kept of the run; what is computed is so of what is seen.
+  valueAt(row, time) {
+    const { bins, pieces } = this, isSeen = bins.count && bins.time[0] <= time && time <= bins.time[bins.count - 1];
+    return isSeen ? bins.at(row, time) : row < this.rows ? pieces?.at(row, time) ?? NaN : NaN;
   }
 
   // Where the picture is: at the newest sample, or at the last crossing of the lever's zero after which it is filled.
@@ -385,6 +431,10 @@ export class Oscilloscope {
       else ring(from, to - 1e-9);
       if (!piece || piece.share < 1) this.missing.push([piece ? Math.max(from, piece.time.at(-1) ?? from) : from, Math.min(to, this.end)]);
     }
+    for (const share of this.isAway ? this.cursors : []) { // they are read where they are
+      const time = this.cursorTime(share);
+      if (time >= 0 && time < this.end) this.pieces.get(level, Math.floor(time / long));
+    }
     this.pieces.ask();
     return bins;
   }
@@ -400,7 +450,7 @@ export class Oscilloscope {
     const bins = this.filled(start - more, end, this.follows);
     if (this.maths.gain || this.maths.operation) compute(bins, this.maths);
     const cursors = (this.cursors ?? []).map((share, i) => ({ time: this.cursorTime(share), name: "AB"[i] }));
-    this.scope.render(bins, start, end, { cursors, missing: this.missing, still: !this.follows, mark: this.mark });
+    this.scope.render(bins, start, end, { cursors, missing: this.missing, still: !this.follows || this.isOver, mark: this.mark });
     this.read(cursors);
     return true;
   }
@@ -426,7 +476,7 @@ export class Oscilloscope {
     }
     const rows = lines.map((line) => {
       const row = bins.row(line.key), unit = this.unit(line.key), digits = unit === "A" ? 3 : 2, [low, high] = bins.range(row, start, end);
-      const values = cursors.map(({ time }) => bins.at(row, time));
+      const values = cursors.map(({ time }) => this.valueAt(row, time));
       return { line, unit, cells: [bins.newest(row, start, end), low, high, ...values, ...(values.length ? [values[1] - values[0]] : [])].map((v) => fixed(v, digits)) };
     });
     $("sinew-scope").setAttribute("aria-label", `Oscilloscope, ${fixed(start, 1)} to ${fixed(end, 1)} s. `
@@ -436,7 +486,7 @@ export class Oscilloscope {
   }
 
   table(rows, isRead) {
-    const heads = ["", this.follows ? "now" : "at the end", "least", "largest", ...(isRead ? ["at A", "at B", "B − A"] : [])];
+    const heads = ["", this.follows && !this.isOver ? "now" : "at the end", "least", "largest", ...(isRead ? ["at A", "at B", "B − A"] : [])];
     const cells = (kind, texts) => { const tr = document.createElement("tr"); tr.append(...texts.map((text, i) => { const cell = document.createElement(i === 0 && kind === "td" ? "th" : kind); if (cell.tagName === "TH") cell.scope = kind === "th" ? "col" : "row"; cell.append(text); return cell; })); return tr; };
     const name = ({ line, unit }) => { const span = document.createElement("span"); span.append(swatch(line), ` ${this.label(line.key)}${unit ? ` / ${unit}` : ""}`); return span; };
     $("sinew-values").querySelector("thead").replaceChildren(cells("th", heads));
@@ -451,12 +501,14 @@ export class Oscilloscope {
     try {
       const answer = await fetch(`/samples/${this.pieces.name}/spectrum?begin=${Math.max(0, start)}&end=${end}`), said = await answer.json();
       if (!answer.ok) throw new Error(said.sentence);
-      asked.of = of;
-      this.drawSpectrum(said);
+      Object.assign(asked, { of, said });
+      this.redrawSpectrum();
     } catch (error) { put("sinew-peaks", String(error.message)); }
     asked.isAsking = false;
     this.isFresh = true;
   }
+
+  redrawSpectrum() { if (this.spectrum?.said) this.drawSpectrum(this.spectrum.said); }
 
   drawSpectrum({ frequency_hz: frequency, amplitude, resolution_hz, from_s, to_s }) {
     const bins = new Bins(this.bins.keys, frequency.length), none = new Float32Array(frequency.length).fill(NaN);

@@ -75,6 +75,13 @@ export function sized(canvas, height) {
   return { draw, width, height };
 }
 
+// Calls what draws a canvas where that has another width, or the theme other colours: some that stand still are drawn
+// for nothing else.
+export function whenItLooksOtherwise(canvas, then) {
+  new ResizeObserver(then).observe(canvas);
+  new MutationObserver(() => setTimeout(then, 600)).observe(document.body, { attributes: true, attributeFilter: ["class"] });
+}
+
 // Draws a path as wide as asked by hairlines beside one another: without a graphics card eight wide lines of 1200 points
 // take 13 ms, plain or dashed; hairlines take 1 and 2 ms.
 function stroke(draw, path, wide) {
@@ -86,13 +93,25 @@ function stroke(draw, path, wide) {
   }
 }
 
-// Steps of 1, 2 or 5 times a power of ten, about so many in a range.
+// Steps of 1, 2 or 5 times a power of ten, about so many in a range, and two at least: from one tick no size is read.
 export function ticks(low, high, about) {
   const raw = (high - low) / about, power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((x) => x * power).find((x) => x >= raw);
+  const steps = [0.2, 0.5, 1, 2, 5, 10].map((x) => x * power);
+  let found = [], k = steps.findIndex((x) => x >= raw);
+  for (; k >= 0 && found.length < 2; k--) {
+    found = [];
+    for (let i = Math.ceil(low / steps[k] - 1e-9); i * steps[k] <= high + 1e-9 * steps[k]; i++) found.push(i * steps[k]);
+  }
+  return { found, digits: Math.max(0, -Math.floor(Math.log10(steps[k + 1]) + 1e-9)) };
+}
+
+// The same of decades: 1, 2 and 5 of each where there is but one power of ten.
+function decades(low, high, about) {
+  const whole = ticks(low, high, about).found.filter((at) => at % 1 === 0);
+  if (whole.length > 1) return whole;
   const found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
-  return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+  for (let power = Math.floor(low); power <= high; power++) found.push(...[1, 2, 5].map((x) => power + Math.log10(x)));
+  return found.filter((at) => at >= low && at <= high);
 }
 
 // Ranges follow what is shown: out at once, in slowly, so that the axis does not flicker; at once where it stands still.
@@ -107,7 +126,7 @@ class Range {
   }
 }
 
-const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5, FLAT = 0.7;
+const LEFT = 50, RIGHT = 8, GAP = 12, BOTTOM = 22, FLOOR = 1e-5, FLAT = 0.7, LINE = 11;
 
 // What is seen of a run at once: least and largest value of each trace in bins that follow one another. Rows beyond
 // those of the run are computed here.
@@ -118,6 +137,8 @@ export class Bins {
     this.low = keys.map(() => new Float32Array(capacity));
     this.high = keys.map(() => new Float32Array(capacity));
   }
+
+  static of({ time, low, high }) { return Object.assign(new Bins([], 0), { time, low, high, count: time.length }); }
 
   clear() { this.count = 0; }
 
@@ -234,13 +255,16 @@ export class Scope {
     const range = panel.range, scale = tall / (range.high - range.low), y = (v) => top + tall - (value(v) - range.low) * scale;
     draw.strokeStyle = css("--grid"); draw.fillStyle = ink; draw.lineWidth = 1; draw.setLineDash([]);
     draw.textAlign = "right"; draw.textBaseline = "middle";
-    const { found, digits } = ticks(range.low, range.high, Math.max(2, tall / 38));
+    const about = Math.max(2, tall / 38), { found, digits } = this.log ? { found: decades(range.low, range.high, about) } : ticks(range.low, range.high, about);
+    const inWords = (at) => !this.log ? at.toFixed(digits) : at < -2 ? (10 ** at).toExponential(0) : String(Number((10 ** at).toPrecision(1)));
     draw.beginPath();
+    let written = Infinity;
     for (const at of found) {
-      if (this.log && at % 1) continue;
       const up = top + tall - (at - range.low) * scale;
       draw.moveTo(LEFT, up); draw.lineTo(width - RIGHT, up);
-      draw.fillText(this.log ? at < -2 ? `1e${at}` : String(Number((10 ** at).toPrecision(1))) : at.toFixed(digits), LEFT - 6, up);
+      if (written - up < LINE) continue; // it would be written over the one below
+      written = up;
+      draw.fillText(inWords(at), LEFT - 6, up);
     }
     for (const time of axis.found) { draw.moveTo(this.x(time), top); draw.lineTo(this.x(time), top + tall); }
     draw.stroke();
@@ -273,16 +297,21 @@ export class Scope {
 }
 
 export class Lissajous {
-  constructor(canvas) { this.canvas = canvas; this.points = []; this.across = new Range(4); this.up = new Range(4); }
+  constructor(canvas) {
+    Object.assign(this, { canvas, points: [], across: new Range(4), up: new Range(4), isFresh: true });
+    whenItLooksOtherwise(canvas, () => { this.isFresh = true; });
+  }
 
-  reset() { this.points = []; }
+  reset() { this.points = []; this.isFresh = true; }
 
   put([drive, torsion]) {
     for (let i = 0; i < drive.length; i++) if (drive[i] !== null && torsion[i] !== null) this.points.push([drive[i], torsion[i]]);
     if (this.points.length > 400) this.points.splice(0, this.points.length - 400);
+    this.isFresh = true;
   }
 
   render() {
+    this.isFresh = false;
     const { draw, width, height } = sized(this.canvas, 250);
     for (const [range, at] of [[this.across, 0], [this.up, 1]]) {
       const most = this.points.reduce((found, point) => Math.max(found, Math.abs(point[at])), 0);

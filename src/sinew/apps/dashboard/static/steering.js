@@ -107,6 +107,7 @@ function label() {
   const button = $("sinew-emergency"), isOut = status !== null && !status.signed_in && !status.may_stop;
   put(button.querySelector("b"), stopped?.title ?? "EMERGENCY STOP");
   put(button.querySelector("span"), stopped?.line ?? (isOut ? "sign in first" : "F9 · Esc Esc"));
+  button.classList.toggle("told", Boolean(stopped || isOut)); // its keys are no news, and none on a device without them
   button.classList.toggle("unreachable", !stopped && (reachable === false || isOut));
 }
 
@@ -390,11 +391,19 @@ async function claim() {
 }
 await claim();
 
-const given = new URLSearchParams(location.hash.slice(1)).get("token");
-if (given) {
+// Signs in by the token of the address, where it has one. The address may come into a tab that shows a page already.
+async function enter() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (!given) return false;
   history.replaceState(null, "", location.pathname + location.search);
   const trouble = await login(given).catch((lost) => `The bench could not be reached (${lost.message}).`);
-  if (trouble) signIn(trouble); else if (config.locked) location.reload();
-} else if (ticket === null) await takeTicket().catch(() => null);
+  if (trouble) { signIn(trouble); put($("said"), trouble); }
+  else if (location.pathname === "/login") location.replace("/");
+  else if (config.locked) location.reload();
+  else if (dialog.open) closeDialog();
+  return true;
+}
+addEventListener("hashchange", enter);
+if (!await enter() && ticket === null) await takeTicket().catch(() => null);
 await poll();
 setInterval(() => { poll(); tellLost(); }, POLL_MS);
