@@ -5,6 +5,7 @@ import math
 import platform
 import zlib
 from collections.abc import Collection, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -59,7 +60,7 @@ def content_hash(dataset: xr.Dataset) -> str:
             digest.update("\0".join(map(str, values.ravel())).encode())
         else:
             digest.update(values.dtype.str.encode())
-            digest.update(np.ascontiguousarray(values).tobytes())
+            digest.update(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
         digest.update(_attributes_text(variable.attrs).encode())
     digest.update(_attributes_text(dataset.attrs).encode())
     return digest.hexdigest()
@@ -76,9 +77,18 @@ def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
 
     The content hash is that of the values as a reader gets them. Raises FileError where the file cannot be written.
     """
-    stored = dataset.assign_attrs(content_hash=content_hash(dataset))
-    encoding = {str(name): _encoding(stored[name].variable) for name in stored.variables}
-    write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
+    encoding = {str(name): _encoding(dataset[name].variable) for name in dataset.variables}
+
+    def write(temporary: Path) -> None:
+        import netCDF4
+
+        with ThreadPoolExecutor(1) as beside:  # the hash is computed while values are deflated
+            found = beside.submit(content_hash, dataset)
+            dataset.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
+        with netCDF4.Dataset(temporary, "a") as file:
+            file.setncattr("content_hash", found.result())
+
+    write_atomically(path, write)
 
 
 _SMALL, _STRETCHES, _STRETCH, _WORTH, _CHUNK = 4096, 8, 1 << 13, 0.25, 1 << 20

@@ -108,18 +108,19 @@ def lay_out_scope(*, is_live: bool) -> None:
         f'<input type="range" id="sinew-cursor-{one.lower()}" min="0" max="1" step="0.001" aria-label="Cursor {one}">'
         for one in "AB"
     )
+    here = _button("cursors-here", "Bring A and B here")
     ui.html(
         f"""<div class="sinew-row"><span class="sinew-soft" aria-hidden="true">Time base</span>{bases}
 {"".join(switches)}</div>
 <canvas id="sinew-scope" class="sinew-canvas sinew-scope" role="application" tabindex="0"
 aria-describedby="sinew-scope-keys" aria-label="Oscilloscope"></canvas>
 <p id="sinew-scope-keys" class="sinew-hidden">Arrow keys move in time, with Shift by a whole screen; plus and minus
-zoom; Home goes to the begin of the run, End to its newest sample; the space bar freezes. What is seen stands in the
-table of values.</p>
+zoom; Home goes to the begin of the run, End to its newest sample; the space bar freezes; C brings both cursors into
+the picture. What is seen stands in the table of values.</p>
 <div class="sinew-row sinew-position"><div class="sinew-row">{"".join(moves)}{"" if is_live else segments}</div>
 <input type="range" id="sinew-position" min="0" max="5" value="5" aria-label="Position in the run"></div>
 <div id="sinew-where" class="sinew-soft sinew-figures">–</div>
-<div id="sinew-cursor-row" hidden><div class="sinew-row">{cursors}</div>
+<div id="sinew-cursor-row" hidden><div class="sinew-row">{cursors}{here}</div>
 <div id="sinew-apart" class="sinew-figures">–</div></div>
 <div id="sinew-legend" class="sinew-legend" role="group" aria-label="Traces"></div>
 <div class="sinew-row"><label class="sinew-check"><input type="checkbox" id="sinew-gain"> Gain, torsion over lever

@@ -174,17 +174,8 @@ export class Oscilloscope {
     Object.assign(this, { traces, told, base: 5, chosen: 5, isOver: false, follows: traces !== null, isTriggered: false, cursors: null, pieces: null,
       shown: { start: 0, end: 5 }, isFresh: true, maths: { gain: false, operation: "", x: "torsion", y: "drive" }, mark: null, spectrum: null });
     this.pointers = new Map();
-    this.furnish();
     this.recall();
     this.listen();
-  }
-
-  // What brings cursors back that were left behind.
-  furnish() {
-    const here = document.createElement("button");
-    Object.assign(here, { type: "button", id: "sinew-cursors-here", className: "sinew-button", disabled: true, textContent: "Bring A and B here", title: "Both cursors into the picture: key C over it" });
-    $("sinew-cursor-row").firstElementChild.append(here);
-    $("sinew-scope-keys").append(" C brings both cursors into the picture.");
   }
 
   // What was chosen on a page before; of what it cannot be, nothing.
