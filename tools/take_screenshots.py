@@ -172,6 +172,9 @@ def take_runs(camera: Camera, base: str) -> None:
     camera.take("runs-bin", at="[data-restore]")
 
 
+_ARE_REFINED = "!document.querySelector('.sinew-joints').textContent.includes('…')"
+
+
 def take_design(camera: Camera, base: str) -> None:
     """Take the page Design with two joints that are kept beside the rig as built."""
     page = camera.page
@@ -181,10 +184,11 @@ def take_design(camera: Camera, base: str) -> None:
         page.fill(f"#sinew-number-{key}", value)
         page.keyboard.press("Tab")
         page.wait_for_timeout(SETTLED_MS)
-        page.wait_for_selector("text=Refined")
+        page.wait_for_function(_ARE_REFINED)
         page.click("#sinew-keep")
     page.click("#sinew-suggest")
     page.wait_for_selector("#sinew-use:visible")
+    page.wait_for_function(_ARE_REFINED)
     camera.take("design", whole=True)
     camera.take("design-dark", theme="dark")
 
