@@ -19,9 +19,9 @@ Open = Callable[..., Any]
 
 FIND_SCENE = """() => {
   const numbers = [...document.querySelectorAll('[id]')].map(element => Number(element.id.slice(1)));
-  const scene = () => numbers.map(number => window.getElement?.(number)).find(found => found?.renderer);
+  const scene = () => numbers.map(number => window.getElement?.(number)).find(found => found?.renderer?.info);
 """
-"""Begin of a function of the browser in which `scene` finds what the joint is drawn in."""
+"""Begin of a function of the browser in which `scene` finds what the joint is drawn in, and no chart."""
 
 PAGES = {
     "/": "#sinew-scope",
