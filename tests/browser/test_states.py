@@ -668,7 +668,7 @@ def test_the_prediction_is_there_before_the_first_point_and_misses_are_told(
     page.wait_for_function("document.getElementById('sinew-misses').children.length >= 4")
     assert "miss the prediction" in page.inner_text("#sinew-verdict")
     assert page.locator("#sinew-verdict").get_attribute("role") == "status"
-    assert "of its uncertainty" in page.locator("#sinew-misses li").first.inner_text()
+    assert "its uncertainty" in page.locator("#sinew-misses li").first.inner_text()
     summary = page.locator(".nicegui-echart").first.get_attribute("aria-label")
     assert "missed the prediction at" in summary
     page.locator("details.sinew-table summary").first.click()

@@ -81,6 +81,12 @@ def test_by_how_much_is_said_in_shares_and_in_its_uncertainty() -> None:
     assert verdict.sentence == "+40 %, 1.6 of its uncertainty"
 
 
+def test_what_is_very_far_off_is_not_counted_in_an_uncertainty_of_few_repeats() -> None:
+    verdict = judge("phase", PLAIN, 3.0, point(60.0, 0.1))
+    assert verdict is not None
+    assert verdict.sentence == "−30°, more than 100 times its uncertainty"
+
+
 def test_a_shortfall_has_a_minus_sign() -> None:
     verdict = judge("phase", PLAIN, 3.0, point(60.0, 10.0))
     assert verdict is not None
