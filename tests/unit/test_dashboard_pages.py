@@ -17,7 +17,7 @@ from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import _HELP, quantity
-from sinew.apps.dashboard.pages.plan import timeline_html
+from sinew.apps.dashboard.pages.plan import _texts, timeline_html
 from sinew.apps.dashboard.pages.runs import looks, trend_options
 from sinew.apps.dashboard.worker import TooSlowError
 from sinew.measure.errors import SpecError
@@ -25,6 +25,11 @@ from sinew.plan.toml import dump_plan, load_plan
 
 LINE = Curve("line", [1, 2, 3], [1.0, 2.0, 3.0], is_line=True)
 POINTS = Curve("points", [1, 2], [1.0, 2.0], [0.5, None], [1.5, None])
+
+
+@pytest.mark.parametrize(("rig", "told"), [({"rig": "mine.toml"}, "mine.toml"), ({}, None)])
+def test_drafts_of_a_browser_that_kept_no_rig_yet_are_not_lost(rig: dict[str, str], told: str | None) -> None:
+    assert _texts({"plan": "first", "drafts": {"first": "text"}, **rig}) == ({"first": "text"}, "first", told)
 
 
 def drawn(*curves: Curve, **more: Any) -> dict[str, Any]:

@@ -456,19 +456,19 @@ class FreeOscillation:
     harmonics: bool = False
 
     @cached_property
-    def places(self) -> tuple[slice, ...]:
+    def _places(self) -> tuple[slice, ...]:
         """Return where the coefficients of each mode lie in the parameters."""
         ends = np.cumsum([0] + [2 * basis.shape[1] for basis in self.bases]).tolist()
         return tuple(slice(*ends) for ends in pairwise(ends))
 
     def mode(self, m: int) -> slice:
         """Return where the coefficients of a mode lie in the parameters."""
-        return self.places[m]
+        return self._places[m]
 
     @cached_property
     def rest_start(self) -> int:
         """Return where the parameters of the rest position begin."""
-        return int(self.places[-1].stop) + 5 * self.harmonics
+        return int(self._places[-1].stop) + 5 * self.harmonics
 
     @cached_property
     def width(self) -> int:
@@ -482,7 +482,7 @@ class FreeOscillation:
 
     def exponent(self, p: Array, m: int = 0) -> Complexes:
         """Return S_m at the samples, shape (n,)."""
-        both = p[self.places[m]].reshape(-1, 2).T @ self._rows[m]
+        both = p[self._places[m]].reshape(-1, 2).T @ self._rows[m]
         exponent = np.empty(self.s.size, dtype=complex)
         exponent.real, exponent.imag = np.minimum(both[0], _LARGEST), both[1]
         return exponent
@@ -527,7 +527,7 @@ class FreeOscillation:
                 by_real = by_imaginary + 2.0 * offset * power
                 first = self.rest_start - 5
                 out[first : first + 5] = square.real, -square.imag, cube.real, -cube.imag, power
-            here = out[self.places[m]]
+            here = out[self._places[m]]
             np.multiply(by_real.real, self._rows[m], out=here[0::2])
             np.multiply(-by_imaginary.imag, self._rows[m], out=here[1::2])
         first, count = self.rest_start, self.rest.shape[1]

@@ -96,6 +96,10 @@ class BenchEmulator:
         """Whether its port is there; not for a while after it was begun anew."""
         return self.is_there and Path(self.port).exists()
 
+    def plays(self, spec: RigSpec, *, in_space: bool) -> bool:
+        """Return whether it plays such a rig; what is known of its certainty does not count."""
+        return in_space == self.is_in_space and self.spec is not None and spec.model_dump() == self.spec.model_dump()
+
     def open(self, rig: str, seed: int) -> bool:
         """Begin the emulator, or take over one that is there; return whether it was there.
 
@@ -514,9 +518,9 @@ def page_command() -> list[str]:
 class Settings:
     """What is served, and where.
 
-    runs: folder of the runs. bench: emulator, port or None. port: of the bench, where it is a port. rig: that the
-    emulator plays and that is offered first. The last four are the seams: how a run or an emulator is begun, the page
-    server, how a run is asked, how a bench is brought to rest.
+    runs: folder of the runs. bench: emulator, port or None. port: of the bench, where it is a port. rig: that is
+    offered first, and that the emulator plays until a run asks for another. The last four are the seams: how a run or
+    an emulator is begun, the page server, how a run is asked, how a bench is brought to rest.
     """
 
     access: Access
@@ -659,7 +663,7 @@ class Steward:
         emulator = self._emulator
         if emulator is None:
             return Way(self.port)
-        if specs.sways == emulator.is_in_space and specs.rig == emulator.spec:
+        if emulator.plays(specs.rig, in_space=specs.sways):
             if not emulator.is_there:
                 raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
             return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)

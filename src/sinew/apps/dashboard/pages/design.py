@@ -537,7 +537,7 @@ def _ranges(rig: RigSpec) -> dict[str, _Size]:
 
 
 def _sizes(rig: RigSpec) -> dict[str, float]:
-    """Return where the sliders begin: at the rig that is offered first."""
+    """Return where the sliders of a rig begin."""
     limits = _ranges(rig)["pretension_mm"]
     return {
         "length_mm": round(1e3 * rig.silicone.length.value, 3),

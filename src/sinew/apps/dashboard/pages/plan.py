@@ -109,6 +109,8 @@ class _Desk:
             self._plan = chosen
         shelf = {row["name"] for row in shelves["rigs"]}
         self._rig = next((one for one in (self._asked_rig, rig) if one is not None and one in shelf), self._rig)
+        if self._asked_rig not in ("", self._rig):
+            say(f"There is no rig {self._asked_rig} on the shelf; {self._rig} is chosen.")
         with self._choice:
             self._choose(shelves)
         await self._take(self._plan)
@@ -448,7 +450,7 @@ def _texts(kept: Any) -> tuple[dict[str, str], str | None, str | None]:
     """Return (drafts by plan, plan and rig that were chosen last) of what a browser keeps, whatever that is."""
     try:
         drafts = {str(name): str(text) for name, text in kept["drafts"].items()}
-        return drafts, str(kept["plan"]), str(kept["rig"])
+        return drafts, str(kept["plan"]), kept.get("rig")
     except (TypeError, KeyError, AttributeError):
         return {}, None, None
 
