@@ -70,9 +70,8 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
         f"""async ([torsion, pitch, roll, nearer, outline]) => {{
       const {{ Joint }} = await import("/sinew/joint.js"), found = ({FIND_SCENE} return scene(); }})();
       const shape = {{ length: 1, outline, circle: 0.34, plate: 0.5, lever: 0.7, tendons: 4 }};
-      const joint = await Joint.build(found, shape), began = performance.now();
-      for (let k = 0; k < 100; k++) joint.pose(torsion, 0.1, [0, 0, 0, 0], [pitch, roll], nearer);
-      const spent_ms = (performance.now() - began) / 100;
+      const joint = await Joint.build(found, shape);
+      joint.pose(torsion, 0.1, [0, 0, 0, 0], [pitch, roll], nearer);
       const points = joint.silicone.geometry.attributes.position.array, sections = [];
       for (let ring = 0; ring <= 14; ring++) {{
         const mean = [0, 0, 0];
@@ -81,7 +80,7 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
       }}
       const chord = joint.tendons[0].scale.y, surface = Array.from(points.slice(0, 3 * 28));
       const head = joint.head.position.toArray(), turn = joint.head.quaternion.toArray();
-      return {{ head, turn, sections, surface, chord, spent_ms }};
+      return {{ head, turn, sections, surface, chord }};
     }}""",
         [torsion, pitch, roll, nearer, outline.tolist()],
     )
@@ -104,7 +103,6 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
     assert np.allclose(drawn["head"], expected[0], atol=1e-9)
     assert (Rotation.from_quat(drawn["turn"]).inv() * head).magnitude() < 1e-9
     assert drawn["chord"] == pytest.approx(np.linalg.norm(guide - [0.34, 0.0, 0.0]), abs=1e-9)
-    assert drawn["spent_ms"] < 5.0  # 1 ms on two busy cores
 
 
 @pytest.fixture(scope="module")

@@ -114,6 +114,7 @@ def test_a_recording_of_the_twin_needs_no_columns_and_gives_the_papers_three_her
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_tendon_joint_of_a_recording_has_the_papers_three_hertz(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -76,6 +76,7 @@ def locks(out: Path) -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_tracking_through_a_terminal_that_was_killed_is_completed_by_resuming(tmp_path: Path) -> None:
     out = tmp_path / "out"
     asked = ["--pretension-mm", "4", "--amplitude-deg", "10, 20", "--duration-s", "8"]

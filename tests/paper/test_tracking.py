@@ -92,6 +92,7 @@ def test_the_resonance_follows_a_commanded_frequency_across_the_band(expected: E
     assert max(row.off_hz for row in rows) < 0.02
 
 
+@pytest.mark.long
 def test_it_outlasts_a_silent_sensor_and_pushes(expected: Expected) -> None:
     rows = list(rough_rows(expected[1], SEED))
     assert broken(rows) == []

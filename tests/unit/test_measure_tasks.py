@@ -13,7 +13,7 @@ import pytest
 
 from sinew.measure import tasks
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.measure.tasks import CORES, DEVICE, Spread, cores, digest_of, each_task, run_tasks
+from sinew.measure.tasks import CORES, DEVICE, Spread, beside, cores, digest_of, each_task, run_tasks
 
 
 class Job(NamedTuple):
@@ -171,3 +171,34 @@ def test_a_process_that_began_on_the_cpu_does_not_go_on_on_another_device(monkey
     monkeypatch.setenv(DEVICE, "gpu")
     with pytest.raises(SpecError, match="computes on the cpu already; begin a new one for the gpu"):
         configure()
+
+
+def of_process() -> tuple[int, int]:
+    return os.getpid(), cores()
+
+
+def lost_elsewhere(mine: int) -> int:
+    if os.getpid() != mine:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return mine
+
+
+def test_a_call_is_made_beside_this_process_or_here_when_it_is_asked_for(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(CORES, "4")
+    with beside(1) as hand:
+        elsewhere, refused = hand(of_process), hand(square, Job(-1.0, log))
+        other, threads = elsewhere()
+        with pytest.raises(SpecError, match="no square of that"):
+            refused()
+    assert (other != os.getpid(), threads, cores()) == (True, 2, 4)
+    with beside(0) as hand:
+        here = hand(square, Job(3.0, log))
+        assert computed(log) == [-1.0]
+        assert (here(), computed(log)) == (9.0, [-1.0, 3.0])
+
+
+def test_what_a_process_took_with_it_is_made_here() -> None:
+    with beside(1) as hand:
+        assert hand(lost_elsewhere, os.getpid())() == os.getpid()

@@ -150,7 +150,8 @@ def test_an_unknown_law_is_refused_with_those_there_are() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frequency_hz", [pytest.param(2.6, marks=pytest.mark.long), 3.6])
+@pytest.mark.long
+@pytest.mark.parametrize("frequency_hz", [2.6, 3.6])
 def test_time_integration_and_harmonic_balance_agree_on_springs_that_slide(frequency_hz: float) -> None:
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.solve.curves import predict

@@ -79,6 +79,7 @@ def lever_of(amplitude: float, share: complex) -> LeverMotion:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_lever_that_is_a_sine_of_constant_amplitude_is_the_prescribed_lever() -> None:
     amplitude = math.radians(5.0)
     one = predict(lever_problem(rig(), lever_of(amplitude, 0.0), BAND_HZ), BAND_HZ, COARSE).branches[0]

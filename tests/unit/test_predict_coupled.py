@@ -101,6 +101,7 @@ def test_a_small_swing_is_that_of_the_linear_equations(rig: RigSpec) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_large_swing_is_that_of_a_simulation(rig: RigSpec) -> None:
     (one,) = predicted(rig, 20.0).curves
     assert one.branch.complete

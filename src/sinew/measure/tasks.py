@@ -173,14 +173,12 @@ def _in_processes(
     function: Callable[[T], R], waiting: dict[int, T], workers: int
 ) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
-    share, tries = max(1, cores() // workers), 0
+    tries = 0
     while waiting:
         broken: BrokenProcessPool | None = None
         pool = ProcessPoolExecutor(workers, get_context("spawn"))
         try:
-            # A process is begun when a task is handed in, and has the environment of that moment. NPROC stays
-            # `sinew.twin.cache`'s to say; BLAS has the threads of the share.
-            with _environment({CORES: str(share), "OPENBLAS_NUM_THREADS": str(share), "OMP_NUM_THREADS": str(share)}):
+            with _share_of(workers):
                 futures = {pool.submit(function, task): place for place, task in waiting.items()}
             for future in as_completed(futures):
                 try:
@@ -199,6 +197,49 @@ def _in_processes(
                 f"processes that compute ended {_TRIES} times before any of {len(waiting)} tasks was done, perhaps for "
                 'want of memory; take fewer workers, and in a script begin under `if __name__ == "__main__":`'
             ) from broken
+
+
+@contextmanager
+def beside(processes: int) -> Iterator[Callable[..., Callable[[], Any]]]:
+    """Give what hands calls to further processes while this one goes on.
+
+    processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result. A call that no
+    process made, or that a process took with it when it ended, is made here when its result is fetched. The processes
+    are spawned: a script needs the usual `if __name__ == "__main__":`.
+
+    >>> with beside(0) as hand:
+    ...     later = hand(divmod, 7, 2)
+    ...     later()
+    (3, 1)
+    """
+    if processes < 1:
+        yield partial
+        return
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+
+        def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+            with _share_of(processes + 1):
+                future = pool.submit(function, *arguments)
+
+            def fetched() -> Any:
+                try:
+                    return future.result()
+                except BrokenProcessPool:
+                    return function(*arguments)
+
+            return fetched
+
+        yield hand
+
+
+def _share_of(workers: int) -> AbstractContextManager[None]:
+    """Set what processes that are begun now are to know of their share of the computer.
+
+    A process is begun when a task is handed in, and has the environment of that moment. NPROC stays
+    `sinew.twin.cache`'s to say; BLAS has the threads of the share.
+    """
+    share = str(max(1, cores() // workers))
+    return _environment({CORES: share, "OPENBLAS_NUM_THREADS": share, "OMP_NUM_THREADS": share})
 
 
 @contextmanager

@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
 from sinew.measure.recording import SOURCES
+from sinew.measure.tasks import beside
 from sinew.paper.answers.answer import Answer, Cell
 from sinew.paper.table import count_roles, is_the_papers
 from sinew.plan.rig import RigSpec
@@ -407,9 +406,7 @@ def draw_figures(
     """
     drawn = list(build_figures(recording, results))
     jobs = [(figure, folder, name, formats) for name, figure in drawn]
-    if workers < 2:
-        return [path for job in jobs for path in save_figure(*job)]
-    with ProcessPoolExecutor(workers - 1, mp_context=get_context("spawn")) as pool:
-        elsewhere = {i: pool.submit(save_figure, *job) for i, job in enumerate(jobs) if i % workers}
+    with beside(workers - 1) as hand:
+        elsewhere = {i: hand(save_figure, *job) for i, job in enumerate(jobs) if i % workers}
         here = {i: save_figure(*job) for i, job in enumerate(jobs) if not i % workers}
-        return [path for i in range(len(jobs)) for path in (here[i] if i in here else elsewhere[i].result())]
+        return [path for i in range(len(jobs)) for path in (here[i] if i in here else elsewhere[i]())]

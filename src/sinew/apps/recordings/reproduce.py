@@ -307,7 +307,7 @@ def answer(
     """Answer the paper's open questions from a recording or a rig: numbers with intervals, and what cannot be told.
 
     It writes answers.html, answers.json and the figures of the answers. Of a recording, results.nc and beyond.nc beside
-    it are taken up where they belong to it; a whole campaign takes about a minute or two. Of a rig it answers what
+    it are taken up where they belong to it; a whole campaign takes about a minute. Of a rig it answers what
     nobody has measured, in a minute or two: whether a bend moves the resonance, what moves with the torsion, how
     unequal tensions get, the spinal engine, what the joint carries, and how a bench would test each.
     """
@@ -318,6 +318,7 @@ def answer(
         raise SpecError("found --azimuth-deg beside a recording, which holds its pose; give it with a rig")
     from sinew.analysis.analysed import recording_rig
     from sinew.measure.files.netcdf import load_recording
+    from sinew.measure.tasks import cores
     from sinew.paper.answers.questions import answer_questions
     from sinew.twin.cache import use_all_cores
 
@@ -338,6 +339,7 @@ def answer(
             results,
             rig_,
             beyond=stored.stored_beyond(file.parent / "beyond.nc", rig_),
+            workers=cores(),
             progress=lambda _step, done, total: progress(done, total),
         )
     command = ["sinew", "answer", str(file), *(["--out", str(out)] if out is not None else [])]

@@ -266,9 +266,13 @@ def relaxation_of(omega: float) -> Array:
 
 
 def _room(count: int) -> int:
-    """Return the padded number of steps: few different ones, so that few are compiled for."""
+    """Return the padded number of steps: few different ones, so that few are compiled for.
+
+    Below 2048 steps a compilation, even one that was kept, costs a fit more time than the steps that are added.
+    """
     power = 1 << max(6, math.floor(math.log2(max(count, 1))))
-    return next(room for eighths in range(8, 17) if (room := power * eighths // 8) >= count)
+    parts = 2 if power < 2048 else 8
+    return next(room for part in range(parts, 2 * parts + 1) if (room := power * part // parts) >= count)
 
 
 # ---- the stretch of a record that is fitted: between two times, an angle unwrapped, what no sensor saw left out, and

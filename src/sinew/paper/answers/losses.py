@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.stats import qmc
 
-from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, analyse_ring_down
+from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, paper_envelope
 from sinew.analysis.signal.power import supply_uncertainty
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
 from sinew.analysis.signal.signals import sample_rate
@@ -345,12 +345,9 @@ def _paper_damping(track: Track, group: Group, rig: RigSpec, effects: Effects, h
     gyro = read_gyro(low, rate, true, starts, hz, rig.imu, effects, rng)[begin:, 0]
     time = np.arange(gyro.size) / hz
     try:
-        found = analyse_ring_down(
-            time, gyro, is_rate=True, unit="rad/s", free_from_s=DECAY_FROM_PERIODS / group.frequency_hz
-        )
+        return paper_envelope(time, gyro, free_from_s=DECAY_FROM_PERIODS / group.frequency_hz).lehr_damping
     except SinewError:
         return math.nan
-    return found.paper.lehr_damping
 
 
 def _over_draws(values: Array) -> Estimate:

@@ -16,6 +16,7 @@ from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 from sinew.measure.recording import iterate_segments
+from sinew.measure.tasks import beside
 from sinew.paper.answers.answer import Answer
 from sinew.paper.answers.constancy import answer_constancy
 from sinew.paper.answers.delay import answer_delay
@@ -41,6 +42,7 @@ def answer_questions(
     *,
     beyond: xr.Dataset | None = None,
     joint: JointFit | None = None,
+    workers: int = 1,
     progress: Progress = lambda _step, _done, _total: None,
 ) -> list[Answer]:
     """Return one answer for each question: hardening, saturation, losses, constancy, delay.
@@ -48,15 +50,20 @@ def answer_questions(
     recording: of a rig, or imported. results: of `analyse_recording` of it with the same rig. rig: None where none is
     known; then sensors are perfect and the losses cannot be told apart. beyond: results of a sweep at further
     pretensions, for the saturation. joint: the tendon joint fitted to the recording; fitted here where it is None and
-    the rig is known. progress: called with (step, done, total).
+    the rig is known. workers: with 2 another process asks for the hardening while the joint is fitted here, and says
+    nothing of how far it is. progress: called with (step, done, total).
     """
     if "gain" in results:
         recording = split_by_drive(recording)
     why_not = ""
-    if joint is None:
-        joint, why_not = _fitted_joint(recording, rig, results, progress)
+    told = [] if workers > 1 else [lambda done, total: progress(STEPS[1], done, total)]
+    with beside(min(workers, 2) - 1) as hand:
+        hardening = hand(answer_hardening, recording, rig, *told)
+        if joint is None:
+            joint, why_not = _fitted_joint(recording, rig, results, progress)
+        hardens = hardening()
     return [
-        answer_hardening(recording, rig, lambda done, total: progress(STEPS[1], done, total)),
+        hardens,
         answer_saturation(results, beyond),
         answer_losses(results, recording, joint, why_not),
         answer_constancy(results),
