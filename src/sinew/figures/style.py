@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
@@ -147,12 +148,12 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
     """Write a figure once for each format and return the paths. Raises FileError where the folder cannot be written."""
     paths = [folder / f"{stem}.{name}" for name in formats]
     with styled():
+        figure.set_dpi(_DPI)
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)  # once, for all files; `savefig` draws the figure a second time for each
+        figure.set_layout_engine("none")
         for path, name in zip(paths, formats, strict=True):
+            canvas = get_registered_canvas_class(name)(figure)
             metadata = {"CreationDate": None} if name == "pdf" else None
-
-            def write(temporary: Path, name: str = name, metadata: dict[str, None] | None = metadata) -> None:
-                figure.savefig(temporary, format=name, dpi=_DPI, metadata=metadata)
-
-            write_atomically(path, write)
-            figure.set_layout_engine("none")  # arranged once; the second file keeps the places
+            write_atomically(path, functools.partial(getattr(canvas, f"print_{name}"), metadata=metadata))
     return paths
