@@ -32,6 +32,7 @@ _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
 _RUN_NAME = "up to 80 letters, digits, dots, dashes and underscores, a letter or digit first"
 SHELF_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
+_FINDINGS = {"refuse": ("Refused", "sinew-bad"), "warn": ("Mind", "sinew-warn"), "note": ("Note", "sinew-soft")}
 _GROUPS = {"steady": "swing", "ring-down": "decay", "idle": "rest", "tracking": "tracking"}
 
 
@@ -299,10 +300,10 @@ class _Desk:
             took = f"About {minutes}{more} on the bench, after some seconds to get ready"
             self._length.set_text(f"{took}; {found['groups']} groups: {_groups_in_words(parse_plan(self._text.value))}")
             if found["ok"]:
-                rest = ", knowing this:" if found["findings"] else "."
+                rest = ", knowing this:" if any(one["severity"] == "warn" for one in found["findings"]) else "."
                 ui.label(f"No limit of the rig is broken. You may start{rest}").classes("sinew-good")
             for finding in found["findings"]:
-                word, style = ("Refused", "sinew-bad") if finding["severity"] == "refuse" else ("Mind", "sinew-warn")
+                word, style = _FINDINGS[finding["severity"]]
                 said = ui.label(f"{word}: {finding['sentence']}").classes(style)
                 said.props("role=alert" if word == "Refused" else "")
             pose = found.get("pose")
