@@ -104,6 +104,16 @@ def test_why_a_run_has_no_damping_is_said_in_the_list_and_on_its_page(opened: Op
         assert "No resonance and no damping could be told." in page.inner_text("[data-headline]")
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_tables_do_not_make_the_page_wider_than_its_window(opened: Open, lab: Served, width: int) -> None:
+    page = opened(lab, "/runs?open=run-0000&open=run-0001", size=(width, 800))
+    page.wait_for_selector("[data-compared]")
+    page.wait_for_selector("#sinew-runs .q-checkbox >> nth=5")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    cut = "[...document.querySelectorAll('.q-table__middle')].filter(one => one.scrollWidth > one.clientWidth)"
+    assert page.evaluate(f"{cut}.every(one => innerWidth < 620 && getComputedStyle(one).overflowX === 'auto')")
+
+
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
     page = listed(opened, lab)
     page.wait_for_selector(f"{ROWS}[tabindex='0']")
