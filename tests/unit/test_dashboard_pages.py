@@ -81,6 +81,12 @@ def test_of_six_curves_dash_alone_and_marker_alone_tell() -> None:
     assert (len(set(map(str, dashes))), len(set(markers))) == (6, 6)
 
 
+def test_a_line_has_a_marker_in_the_legend_only_where_it_has_some_on_it() -> None:
+    few, many = (drawn(*(Curve(f"p{i}", [1], [1], is_line=True) for i in range(count)))["series"] for count in (6, 7))
+    assert {one["symbol"] for one in few} == {"none"}
+    assert "none" not in {one["symbol"] for one in many}
+
+
 MISSED = Verdict(2.0, 1.8, 2.2, 0.5, 0.25, misses=True, sentence="+25 %, 2.0 of its uncertainty")
 HIT = Verdict(2.0, 1.8, 2.2, 0.1, 0.25, misses=False, sentence="+5 %, 0.4 of its uncertainty")
 AGAINST = Curve("6 mm, <measured>", [3, 4], [2.5, 2.1], [2.3, 2.0], [2.7, 2.2], number=1, verdicts=[MISSED, HIT])
