@@ -151,8 +151,8 @@ def _attributes(folder: Path) -> "xr.Dataset":
 def read_found(folder: Path) -> dict[str, Any]:
     """Return what the results in a run's folder say, as the index of runs keeps it: see `work.runs.read_run`.
 
-    `found` and `untold` where they are of this recording, `analysed`, `remark`; `source`, `rig`, `plan` and, where the recording
-    says it, `started`.
+    `found` and `untold` where they are of this recording, `analysed`, `remark`; `source`, `rig`, `plan` and, where the
+    recording says it, `started`.
     Raises FileError where recording or results are damaged.
     """
     from sinew.analysis.analysed import figures_document
