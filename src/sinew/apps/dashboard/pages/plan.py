@@ -228,17 +228,12 @@ class _Desk:
                 return
             self._draw_timeline(outline["stages"])
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
-            self._count_seconds("The twin swings through the plan once")
+            count_seconds("The twin swings through the plan once")
         self._offer(None, "The plan is tried on the twin: see Preview.")
         found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None, "The plan is refused: see Preview.")
-
-    def _count_seconds(self, said: str) -> None:
-        """Say what is under way, and for how long."""
-        label, began = ui.label(f"{said} …").classes("sinew-soft"), time.monotonic()
-        ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
     def _is_past(self, turn: int) -> bool:
         """Return whether something else was typed since, or the page was left."""
@@ -400,6 +395,12 @@ def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False
     with made.on("click", act):
         ui.html(html.escape(text), sanitize=False, tag="span")
     return made
+
+
+def count_seconds(said: str) -> None:
+    """Say what is under way, and for how long."""
+    label, began = ui.label(f"{said} …").props("role=timer").classes("sinew-soft"), time.monotonic()
+    ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
 
 def why_not() -> None:
