@@ -156,6 +156,22 @@ def touched(page: Any, across: int, down: int) -> float:
     return scrolled
 
 
+def test_no_tension_is_told_before_a_sample_came(spatial: Any) -> None:
+    assert spatial.inner_text("#sinew-tension") == "–"
+    labels = "[...document.querySelectorAll('#sinew-tensions span')].map(one => one.textContent)"
+    spatial.wait_for_function(f"String({labels}) === '1: –,2: –,3: –,4: –'")
+
+
+def test_the_keys_of_the_stop_are_told_only_where_there_are_keys(chromium: Any, opened: Open, shown: Served) -> None:
+    assert opened(shown).is_visible("#sinew-emergency span")
+    context = chromium.new_context(is_mobile=True, has_touch=True)
+    page = context.new_page()
+    page.goto(shown.base)
+    page.wait_for_selector("#sinew-emergency b")
+    assert page.is_hidden("#sinew-emergency span")
+    context.close()
+
+
 def test_the_joint_is_turned_by_a_finger_that_goes_across(spatial: Any) -> None:
     spatial.click("#sinew-joint-home")  # the scene may not have moved to its eye yet
     before = camera(spatial)
@@ -537,7 +553,10 @@ def test_a_suggested_pretension_goes_when_the_joint_it_was_for_does(opened: Open
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")
     page.click("#sinew-suggest")
+    page.wait_for_selector("#sinew-searching [role=timer]")
+    assert "until one resonates at 3.6 Hz" in page.inner_text("#sinew-suggestion")
     page.wait_for_selector("#sinew-use", timeout=120_000)
+    assert page.inner_text("#sinew-searching") == ""
     said = re.search(r"([\d.]+) mm makes", page.inner_text("#sinew-suggestion"))
     assert said is not None
     page.click("#sinew-use")

@@ -104,6 +104,21 @@ def test_why_a_run_has_no_damping_is_said_in_the_list_and_on_its_page(opened: Op
         assert "No resonance and no damping could be told." in page.inner_text("[data-headline]")
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_tables_do_not_make_the_page_wider_than_its_window(opened: Open, tmp_path: Path, width: int) -> None:
+    runs, long = tmp_path / "runs", "a" * 60
+    make_runs(runs, 2)
+    (runs / "run-0000").rename(runs / long)
+    (runs / long / "notes.json").write_text('{"notes": "%s", "tags": ["aged"]}' % ("after the move " * 12))
+    with served(runs) as lab:
+        page = opened(lab, f"/runs?open={long}&open=run-0001", size=(width, 800))
+        page.wait_for_selector("[data-compared]")
+        page.wait_for_selector("#sinew-runs .q-checkbox >> nth=1")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        cut = "[...document.querySelectorAll('.q-table__middle')].filter(one => one.scrollWidth > one.clientWidth)"
+        assert page.evaluate(f"{cut}.every(one => innerWidth < 620 && getComputedStyle(one).overflowX === 'auto')")
+
+
 def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(opened: Open, lab: Served) -> None:
     page = listed(opened, lab)
     page.wait_for_selector(f"{ROWS}[tabindex='0']")

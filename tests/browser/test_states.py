@@ -215,6 +215,13 @@ def test_what_was_emulated_and_what_a_run_doubts_is_said(opened: Open, stage: St
     assert "emulated" in page.inner_text("#sinew-source")
 
 
+def test_the_plan_that_is_offered_first_frightens_nobody(opened: Open, stage: Stage) -> None:
+    page = opened(stage, "/plan")
+    page.wait_for_selector("text=You may start.")
+    assert page.locator("text=/^Note: /").count() == 2
+    assert page.locator("text=/^Mind: /").count() == 0
+
+
 # Stops.
 
 
@@ -629,6 +636,25 @@ def test_the_curve_stands_in_the_first_screen_of_a_desk_and_after_its_run_on_a_p
         assert run["y"] < curve["y"] < page.locator("#sinew-joint").bounding_box()["y"]
     else:
         assert curve["y"] + curve["height"] <= size[1]
+
+
+def test_a_long_oscilloscope_leaves_the_curve_as_high_as_it_is(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(name)
+    watch(page)
+    cards = [page.locator(f".sinew-at-{one}") for one in ("curve", "scope")]
+    before = [card.bounding_box()["height"] for card in cards]
+    page.click("#sinew-spectrum")
+    page.wait_for_function(f"document.querySelector('.sinew-at-scope').clientHeight > {before[1] + 200}")
+    assert cards[0].bounding_box()["height"] == pytest.approx(before[0], abs=2)
+
+
+def test_the_state_shows_the_whole_name_of_a_run(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(long := f"{name}{'-and-so-on' * 6}")
+    page.wait_for_function(f"document.getElementById('sinew-state').textContent.endsWith({long!r})")
+    assert page.evaluate("(one => one.scrollHeight <= one.clientHeight)(document.getElementById('sinew-state'))")
+    assert long in page.get_attribute("#sinew-state", "title")
 
 
 def test_an_emergency_stop_is_among_what_happened_before_the_run_tells_of_it(opened: Open, stage: Stage) -> None:

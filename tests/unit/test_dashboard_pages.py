@@ -17,6 +17,7 @@ from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import _HELP, quantity
+from sinew.apps.dashboard.pages.live import _coming, _nothing
 from sinew.apps.dashboard.pages.plan import _texts, timeline_html
 from sinew.apps.dashboard.pages.runs import looks, trend_options
 from sinew.apps.dashboard.worker import TooSlowError
@@ -79,6 +80,12 @@ def test_no_two_of_forty_two_curves_have_the_same_dash_and_marker() -> None:
 def test_of_six_curves_dash_alone_and_marker_alone_tell() -> None:
     _, dashes, markers = zip(*map(style_of, range(6)), strict=True)
     assert (len(set(map(str, dashes))), len(set(markers))) == (6, 6)
+
+
+def test_a_line_has_a_marker_in_the_legend_only_where_it_has_some_on_it() -> None:
+    few, many = (drawn(*(Curve(f"p{i}", [1], [1], is_line=True) for i in range(count)))["series"] for count in (6, 7))
+    assert {one["symbol"] for one in few} == {"none"}
+    assert "none" not in {one["symbol"] for one in many}
 
 
 MISSED = Verdict(2.0, 1.8, 2.2, 0.5, 0.25, misses=True, sentence="+25 %, 2.0 of its uncertainty")
@@ -255,6 +262,24 @@ def test_a_prediction_is_kept_when_its_run_gets_its_journal(tmp_path: Path) -> N
 
     asyncio.run(followed(results, goes_on))
     assert [name for name, _ in work.asked].count("prediction_for_plan") == 1
+
+
+def test_how_many_groups_are_recorded_is_told_until_a_point_comes() -> None:
+    results = results_with(FakeWork())
+    assert results.hub.live is not None
+    told = []
+    for results.hub.live.groups_done in range(3):
+        told.append(_coming(results))
+    assert [one.partition(" recorded")[0] for one in told] == ["", "1 group is", "2 groups are"]
+    results.measured = [{"pretension_mm": 2.0}]
+    assert _coming(results) == ""
+
+
+def test_a_server_that_began_anew_does_not_say_that_nothing_ever_ran(tmp_path: Path) -> None:
+    assert _nothing(tmp_path) == "Nothing has run yet."
+    (tmp_path / "before").mkdir()
+    (tmp_path / "before" / "journal.sqlite").touch()
+    assert _nothing(tmp_path).startswith("Nothing has run since this page's server began; the page Runs has")
 
 
 def test_measured_points_are_judged_once_there_is_a_prediction() -> None:

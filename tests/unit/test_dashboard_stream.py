@@ -79,6 +79,13 @@ def test_a_frame_has_no_more_columns_than_the_screen() -> None:
     assert len(frame["high"][0]) == len(frame["time"])
 
 
+def test_the_figure_of_a_page_that_was_loaded_anew_is_of_every_newest_sample() -> None:
+    drive, torsion = told(frame_of(live(4000), View(base_s=20.0, pixels=100)))["points"]
+    newest = np.arange(3600, 4000) / RATE
+    for shown, phase in ((drive, 1), (torsion, 2)):
+        assert shown == pytest.approx(np.sin(2 * np.pi * 3 * newest + phase), abs=0.01)
+
+
 def test_a_viewer_that_fell_behind_gets_one_frame_for_all_it_missed() -> None:
     run, view = live(400), View(base_s=5.0, pixels=50)
     frame_of(run, view)

@@ -46,6 +46,12 @@ def test_a_preview_is_what_sinew_check_says(tmp_path: Path) -> None:
     assert {key: found[key] for key in told} == told
 
 
+def test_the_plan_that_is_offered_first_has_nothing_to_be_warned_of() -> None:
+    found = preview_document(read_spec("plans", "quick"), RIG)
+    assert (found["refusals"], found["warnings"]) == ([], [])
+    assert {row["severity"] for row in found["findings"]} == {"note"}
+
+
 def test_a_plan_that_breaks_a_limit_is_an_answer() -> None:
     found = preview_document(PLAN.replace("[2, 8]", "[2, 99]"), RIG)
     assert not found["ok"]

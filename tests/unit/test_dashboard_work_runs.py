@@ -12,6 +12,7 @@ from scipy import io
 from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN_TEXT, run_folder
 
+from sinew.apps.dashboard.pages.runs import _row
 from sinew.apps.dashboard.work import runs as runs_module
 from sinew.apps.dashboard.work.results import download, run_results
 from sinew.apps.dashboard.work.runs import list_runs, look_at_runs, run_summary
@@ -29,6 +30,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_whole_run_is_complete(tmp_path: Path) -> None:
     summary = run_summary(run_folder(tmp_path / "run"))
     assert (summary["state"], summary["groups_done"], summary["groups"]) == ("complete", GROUPS, GROUPS)
+
+
+def test_why_a_run_has_no_resonance_is_in_its_row(whole: Path) -> None:
+    assert _row(list_runs(whole.parent)[0])["resonance_hz"] == "not analysed yet"
+    run_results(whole)
+    row = _row(list_runs(whole.parent)[0])
+    assert row["resonance_hz"] == "too few frequencies for a resonance"
+    assert row["untold"].endswith("found 2, expected at least 6; measure more")
 
 
 def test_a_run_that_was_cut_off_is_stopped_and_says_how_far_it_came(tmp_path: Path) -> None:

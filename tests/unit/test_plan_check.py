@@ -103,10 +103,15 @@ def test_a_list_of_tensions_must_match_the_pretensions() -> None:
         check_plan(load_plan("short"), RIG, tension_n=(1.0, 2.0))
 
 
-def test_a_drive_that_falls_short_is_a_warning_with_both_numbers() -> None:
+def test_a_drive_that_falls_short_is_a_note_with_both_numbers() -> None:
     preview = check_plan(load_plan("paper"), RIG)
     reached = f"{preview.drive_amplitude_deg[-1]:.1f}°"
-    assert re.search(f"20° at 6 Hz.* reaches {reached}", sentences(preview, "warn"))
+    assert re.search(f"20° at 6 Hz.* reaches {reached}", sentences(preview, "note"))
+
+
+def test_a_drive_that_reaches_no_frequency_is_said_to() -> None:
+    preview = check_plan(plan_with(sweep__frequency_hz=(4.0, 5.0, 6.0)), RIG)
+    assert "it reaches 20° (within 5%) at none of its frequencies" in sentences(preview, "note")
 
 
 def test_the_nominal_amplitude_is_reached_up_to_the_frequency_that_is_told() -> None:
@@ -147,8 +152,8 @@ def test_a_frequency_that_the_rig_forbids_is_no_reason_to_sample_faster() -> Non
     assert not [one for one in told if "sample_hz" in one]
 
 
-def test_a_single_repeat_is_warned_of() -> None:
-    assert "gives no standard deviation" in sentences(check_plan(load_plan("short"), RIG), "warn")
+def test_a_single_repeat_is_noted() -> None:
+    assert "gives no standard deviation" in sentences(check_plan(load_plan("short"), RIG), "note")
 
 
 def test_a_rig_with_another_servos_numbers_is_warned_of_with_both() -> None:

@@ -85,6 +85,16 @@ RIG_FAULTS = {
     "key from nowhere": (r"\[bus\]", "[bus]\nzzz = 3", "expected one of stamp_jitter, drive_delay"),
     "unknown section": (r"\[bus\]", "[buss]", "unknown rig key buss; did you mean bus?"),
     "missing parameter": ("count = 4\n", "", "rig key tendons.count is missing; expected a whole number"),
+    "missing entry of a list": (
+        r"pretension_mm = \[0, 16\]",
+        "pretension_mm = [0]",
+        "rig key limits.pretension_mm, second entry is missing; expected 2 entries",
+    ),
+    "missing entry of a list in a list": (
+        r"\[bus\]",
+        "[section]\nhull_mm = [[0, 0], [10, 0], [10]]\n[bus]",
+        "section.hull_mm, third entry, second entry is missing; expected 2 entries",
+    ),
     "number instead of a parameter": (
         r"\[bus\]\nstamp_jitter = {",
         "[bus]\nstamp_jitter = 3\nx = {",

@@ -495,7 +495,7 @@ class _OtherIndexError(Exception):
 
 _FOUND_NAMES = ["run", "pretension_mm", *(column for quantity in QUANTITIES for column in columns_of(quantity))]
 _FOUND_COLUMNS = ", ".join(f"f.{name}" for name in _FOUND_NAMES)
-_ROWS = "every pretension"  # what is written down, where the columns are as they were
+_ROWS = "every pretension, why no resonance"  # what is written down, where the columns are as they were
 _VERSION = zlib.crc32(repr((_RUN, _NUMBERS, _FOUND_NAMES, _ROWS)).encode()) & 0x7FFF_FFFF
 _INSERT_FOUND = f"INSERT OR REPLACE INTO found VALUES ({', '.join('?' * len(_FOUND_NAMES))})"
 

@@ -149,10 +149,16 @@ _TRANSIENT_LEFT = 0.2
 _DECAY_PERIODS = 5
 
 
-class Finding(NamedTuple):
-    """What a check found: refuse stops a run, warn does not. key: of the plan, at which it is to be mended."""
+_SEVERITIES = ("refuse", "warn", "note")
 
-    severity: Literal["refuse", "warn"]
+
+class Finding(NamedTuple):
+    """What a check found: refuse stops a run, warn may spoil its results, note is good to know.
+
+    key: of the plan, at which it is to be mended.
+    """
+
+    severity: Literal["refuse", "warn", "note"]
     sentence: str
     key: str = ""
 
@@ -171,7 +177,7 @@ class Preview:
     head, and the amplitude of its current's fundamental; see `drive_reach`.
     tension_n, torsion_deg: of one tendon at rest, and the largest torsion, at each pretension, as the caller gave them;
     empty if it did not.
-    findings: refusals first.
+    findings: refusals first, notes last.
     """
 
     duration_s: float
@@ -240,7 +246,7 @@ def check_plan(
         full_amplitude_hz=_full_amplitude_hz(frequencies, reached_deg, amplitude),
         tension_n=tensions,
         torsion_deg=torsions,
-        findings=tuple(sorted(findings, key=lambda finding: finding.severity)),
+        findings=tuple(sorted(findings, key=lambda finding: _SEVERITIES.index(finding.severity))),
     )
 
 
@@ -570,9 +576,9 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
         if short:
             frequency, amplitude = min(short, key=lambda pair: pair[1])
             full = _full_amplitude_hz(sweep.frequency_hz, reached, sweep.amplitude_deg)
-            up_to = f"up to {full:g} Hz" if full is not None else f"not even at {sweep.frequency_hz[0]:g} Hz"
+            up_to = f"up to {full:g} Hz" if full is not None else "at none of its frequencies"
             yield Finding(
-                "warn",
+                "note",
                 f"sweep asks for {sweep.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive reaches "
                 f"{amplitude:.1f}° there; it reaches {sweep.amplitude_deg:g}° (within {1 - REACHED_SHARE:.0%}) {up_to}",
             )
@@ -581,7 +587,7 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
         amplitude = math.degrees(drive_reach(rig, math.radians(ring.amplitude_deg), frequency).amplitude_rad)
         if amplitude < REACHED_SHARE * ring.amplitude_deg:
             yield Finding(
-                "warn",
+                "note",
                 f"ring_down asks for {ring.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive "
                 f"reaches {amplitude:.1f}° there",
             )
@@ -606,7 +612,7 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
         if len(sweep.frequency_hz) < FEWEST_FREQUENCIES:
             yield Finding("warn", f"sweep has {too_few_frequencies(len(sweep.frequency_hz))} in sweep.frequency_hz")
         if sweep.repeats < 2:
-            yield Finding("warn", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
+            yield Finding("note", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
     if (ring := plan.ring_down) is not None:
         lowest = min(ring.frequency_hz)
         if ring.record_s * lowest < _DECAY_PERIODS:

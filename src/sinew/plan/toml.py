@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
@@ -210,10 +210,21 @@ def _expected(fault: ErrorDetails, model: type[BaseModel]) -> str:
     if inner is not None:
         return f"a section [{_dotted(fault['loc'])}] with {', '.join(inner.model_fields)}"
     if fault["type"] == "missing":
-        parent = _model_at(fault["loc"][:-1], model)
-        field = parent.model_fields.get(str(fault["loc"][-1])) if parent else None
+        keys = [part for part in fault["loc"] if not isinstance(part, int)]
+        parent = _model_at(tuple(keys[:-1]), model)
+        field = parent.model_fields.get(keys[-1]) if parent else None
+        if isinstance(fault["loc"][-1], int) and field is not None:
+            return f"{_entries(field.annotation)} entries"
         return _PLAIN.get(getattr(field and field.annotation, "__name__", ""), "a value")
     return _PREFIX.sub("", str(fault["msg"])).replace(" after validation", "")
+
+
+def _entries(annotation: Any) -> int:
+    """Return how many entries the first tuple of a fixed length in an annotation has; 0 where there is none."""
+    parts = get_args(annotation)
+    if get_origin(annotation) is tuple and Ellipsis not in parts:
+        return len(parts)
+    return next(filter(None, map(_entries, parts)), 0)
 
 
 def _shown(value: object) -> str:

@@ -438,7 +438,7 @@ MOST_MESSAGE = 512
 
 _STATE_S = 0.25
 _SEND_S = 10.0
-_LISSAJOUS_POINTS = 120
+_LISSAJOUS_POINTS = 400  # as many as scope.js draws
 _DRIVE, _TORSION = TORSION, TORSION + 1  # rows of the ring, whose first is the time
 _BASES = (0.5, 60.0)
 _PIXELS = (50, 4000)
@@ -477,8 +477,8 @@ def frame_of(live: Live, view: View) -> bytes | None:
 
     {"kind": "samples", "reset": whether what the viewer has is of another run; then also
     "rig" (see `drawn_rig`) and "traces", "time": [s], "low": [[...] for each
-    channel], "high": the same, or null where nothing was thinned, "points": [[θ...], [φ...]] in degrees, "now": the
-    newest value of each channel, "tension_n": of each tendon}.
+    channel], "high": the same, or null where nothing was thinned, "points": [[θ...], [φ...]] in degrees of the
+    newest samples, each of them, "now": the newest value of each channel, "tension_n": of each tendon}.
     """
     reset = view.epoch != live.epoch
     if reset:
@@ -499,8 +499,7 @@ def frame_of(live: Live, view: View) -> bytes | None:
     frame["time"] = np.round(thinned.time, 4)
     frame["low"] = np.round(thinned.low, 3)
     frame["high"] = None if thinned.high is thinned.low else np.round(thinned.high, 3)
-    stride = max(1, -(-new.shape[1] // _LISSAJOUS_POINTS))
-    frame["points"] = np.round(new[[_DRIVE, _TORSION], ::stride], 2)
+    frame["points"] = np.round(new[[_DRIVE, _TORSION], -_LISSAJOUS_POINTS:], 2)
     frame["now"] = np.round(new[1:, -1], 3) if new.shape[1] else []
     frame["tension_n"] = live.latest.get("tension_n", [])
     return dumped(frame)

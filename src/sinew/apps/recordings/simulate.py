@@ -118,8 +118,9 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
         console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
     if preview.tension_n:
         _print_tensions(plan, preview)
+    words = {"refuse": "REFUSED", "warn": "warning", "note": "note"}
     for finding in preview.findings:
-        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
+        print(f"{words[finding.severity]}: {finding.sentence}")
     if not preview.refusals:
         print("no limit of the rig is broken")
 

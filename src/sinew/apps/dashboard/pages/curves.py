@@ -292,8 +292,8 @@ def _series(curve: Curve, number: int, size: int, has_marks: bool) -> list[dict[
         "borderColor": colour,
         "borderWidth": 2,
     }  # so that none is taken for a measurement
-    line = {"type": "line", "name": curve.name, "showSymbol": False, "symbol": symbol, "itemStyle": hollow}
-    line["silent"] = True
+    line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": hollow, "silent": True}
+    line["symbol"] = symbol if has_marks else "none"  # the legend draws it, too
     made: list[dict[str, Any]] = []
     stable = curve.is_stable or [True] * len(points)
     for wanted, pattern in ((True, dash), (False, _UNSTABLE)):

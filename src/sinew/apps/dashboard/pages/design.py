@@ -14,7 +14,17 @@ from nicegui import events, ui
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import SHELF_NAME, in_words, plain_button, recall, remember, say, steer, why_not
+from sinew.apps.dashboard.pages.plan import (
+    SHELF_NAME,
+    count_seconds,
+    in_words,
+    plain_button,
+    recall,
+    remember,
+    say,
+    steer,
+    why_not,
+)
 from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
@@ -141,6 +151,7 @@ class _Sliders:
                     self._use = plain_button("Use it", "sinew-use", self._use_suggestion)
                     self._use.set_visibility(False)
                 self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
+                self._searching = ui.element("div").classes("sinew-row").props("id=sinew-searching")
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
@@ -452,7 +463,11 @@ class _Sliders:
     # A pretension is suggested, and a joint becomes a rig.
 
     async def _suggested(self) -> None:
-        self._suggestion.set_text("Looking for it.")
+        wanted = self._now.values[_DRAWN_ONLY]
+        self._suggestion.set_text(f"Joints of other pretensions are swung until one resonates at {wanted:g} Hz.")
+        with self._searching:
+            ui.spinner(size="1.5rem").props('aria-label="A pretension is looked for"')
+            count_seconds("Looked for")
         self._suggest.props("disabled")
         self._use.set_visibility(False)
         values = dict(self._now.values)
@@ -461,6 +476,7 @@ class _Sliders:
             found = await self._site.work.call("suggest_pretension", *asked)
         except SinewError as trouble:
             found = {"pretension_mm": None, "sentence": str(trouble)}
+        self._searching.clear()
         self._suggest.props(remove="disabled")
         best = found["pretension_mm"]
         if any(self._now.values[key] != values[key] for key in values if key != "pretension_mm"):

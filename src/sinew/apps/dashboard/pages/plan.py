@@ -32,6 +32,7 @@ _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
 _RUN_NAME = "up to 80 letters, digits, dots, dashes and underscores, a letter or digit first"
 SHELF_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
+_FINDINGS = {"refuse": ("Refused", "sinew-bad"), "warn": ("Mind", "sinew-warn"), "note": ("Note", "sinew-soft")}
 _GROUPS = {"steady": "swing", "ring-down": "decay", "idle": "rest", "tracking": "tracking"}
 
 
@@ -227,17 +228,12 @@ class _Desk:
                 return
             self._draw_timeline(outline["stages"])
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
-            self._count_seconds("The twin swings through the plan once")
+            count_seconds("The twin swings through the plan once")
         self._offer(None, "The plan is tried on the twin: see Preview.")
         found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
             self._show(found)
             self._offer(toml if found.get("ok") else None, "The plan is refused: see Preview.")
-
-    def _count_seconds(self, said: str) -> None:
-        """Say what is under way, and for how long."""
-        label, began = ui.label(f"{said} …").classes("sinew-soft"), time.monotonic()
-        ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
     def _is_past(self, turn: int) -> bool:
         """Return whether something else was typed since, or the page was left."""
@@ -299,10 +295,10 @@ class _Desk:
             took = f"About {minutes}{more} on the bench, after some seconds to get ready"
             self._length.set_text(f"{took}; {found['groups']} groups: {_groups_in_words(parse_plan(self._text.value))}")
             if found["ok"]:
-                rest = ", knowing this:" if found["findings"] else "."
+                rest = ", knowing this:" if any(one["severity"] == "warn" for one in found["findings"]) else "."
                 ui.label(f"No limit of the rig is broken. You may start{rest}").classes("sinew-good")
             for finding in found["findings"]:
-                word, style = ("Refused", "sinew-bad") if finding["severity"] == "refuse" else ("Mind", "sinew-warn")
+                word, style = _FINDINGS[finding["severity"]]
                 said = ui.label(f"{word}: {finding['sentence']}").classes(style)
                 said.props("role=alert" if word == "Refused" else "")
             pose = found.get("pose")
@@ -399,6 +395,12 @@ def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False
     with made.on("click", act):
         ui.html(html.escape(text), sanitize=False, tag="span")
     return made
+
+
+def count_seconds(said: str) -> None:
+    """Say what is under way, and for how long."""
+    label, began = ui.label(f"{said} …").props("role=timer").classes("sinew-soft"), time.monotonic()
+    ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
 
 def why_not() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 from urllib.parse import urlencode
@@ -146,11 +147,14 @@ class _List:
             selection="multiple",
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
-        table.props("flat dense id=sinew-runs").classes("w-full")
+        table.props("flat dense wrap-cells id=sinew-runs").classes("w-full")
         table.props(':grid="window.innerWidth < 620"')  # of a phone, whose width cuts a table off
         table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
         table.add_slot(
             "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
+        )
+        table.add_slot(
+            "body-cell-resonance_hz", '<q-td :props="props" :title="props.row.untold">{{ props.value }}</q-td>'
         )
         table.props("hide-no-data")  # until there is an answer
         table.add_slot("no-data", '<span class="sinew-empty">No run is found.</span>')
@@ -313,6 +317,9 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
     row |= {"started": clock_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
     row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
+    if not any(_is_told(found, "resonance_hz") for found in run["found"]):
+        row["untold"] = run.get("untold") or run.get("remark") or ""
+        row["resonance_hz"] = re.split("[:;]", row["untold"])[0] or "–"
     if run.get("has_ring_downs") is False and not any("damping_ratio" in found for found in run["found"]):
         row["damping_ratio"] = _NO_RING_DOWNS
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
@@ -518,7 +525,7 @@ def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
     with card(f"About {name}", 6), ui.element("div").classes("sinew-stack") as about:
         ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
         with ui.element("div").classes("sinew-row"):
-            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name").style("flex: 1 1 18rem")
+            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name").classes("sinew-name")
             plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
         notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
         notes.classes("w-full")

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -150,8 +151,8 @@ def _attributes(folder: Path) -> "xr.Dataset":
 def read_found(folder: Path) -> dict[str, Any]:
     """Return what the results in a run's folder say, as the index of runs keeps it: see `work.runs.read_run`.
 
-    `found` where they are of this recording, `analysed`, `remark`; `source`, `rig`, `plan` and, where the recording
-    says it, `started`.
+    `found` and `untold` where they are of this recording, `analysed`, `remark`; `source`, `rig`, `plan` and, where the
+    recording says it, `started`.
     Raises FileError where recording or results are damaged.
     """
     from sinew.analysis.analysed import figures_document
@@ -165,7 +166,7 @@ def read_found(folder: Path) -> dict[str, Any]:
             told["remark"] = "its results are of another recording; they are made anew when it is opened"
         else:
             about = about or results.attrs
-            told |= {"found": _found(document, results), "analysed": True, "remark": ""}
+            told |= {"found": _found(document, results), "analysed": True, "remark": "", "untold": _untold(results)}
     said = {
         "source": str(about.get("source", "")),
         **{one: name_in(str(about.get(one, ""))) for one in ("rig", "plan")},
@@ -184,6 +185,14 @@ def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, An
             at = rows.setdefault(row["pretension_mm"], {"pretension_mm": row["pretension_mm"]})
             at[row["quantity"]] = row["estimate"]
     return [rows[pretension] for pretension in sorted(rows)]
+
+
+def _untold(results: "xr.Dataset") -> str:
+    """Return why results hold no resonance, of the first pretension and repeat; empty where they do not say."""
+    if "gain" not in results:
+        return "no sweep"
+    first = str(results.attrs.get("resonance_notes", "")).partition("\n")[0]
+    return re.sub(r"^\S+ mm, repeat \d+: ", "", first)
 
 
 def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":

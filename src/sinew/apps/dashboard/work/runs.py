@@ -155,13 +155,13 @@ def run_summary(folder: Path | str) -> dict[str, Any]:
 def read_run(folder: Path | str) -> dict[str, Any]:
     """Return what `run_summary` does and `found`, what the run measured, as the index keeps it.
 
-    `analysed`: whether there are results of this recording; `remark`: why not. Nothing is analysed here: that is read
-    which `results.nc` says, and no samples.
+    `analysed`: whether there are results of this recording; `remark`: why not; `untold`: why they hold no resonance.
+    Nothing is analysed here: that is read which `results.nc` says, and no samples.
     """
     folder = Path(folder)
     row = run_summary(folder)
     planned = row["pretensions_mm"] if row["state"] == "complete" else []
-    row |= {"found": [{"pretension_mm": mm} for mm in planned], "analysed": False, "remark": ""}
+    row |= {"found": [{"pretension_mm": mm} for mm in planned], "analysed": False, "remark": "", "untold": ""}
     if row["state"] in ("damaged", "running"):
         return row
     from sinew.apps.dashboard.work.results import read_found
