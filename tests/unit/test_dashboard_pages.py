@@ -83,9 +83,13 @@ def test_of_six_curves_dash_alone_and_marker_alone_tell() -> None:
 
 
 def test_a_line_has_a_marker_in_the_legend_only_where_it_has_some_on_it() -> None:
-    few, many = (drawn(*(Curve(f"p{i}", [1], [1], is_line=True) for i in range(count)))["series"] for count in (6, 7))
-    assert {one["symbol"] for one in few} == {"none"}
-    assert "none" not in {one["symbol"] for one in many}
+    points = Curve("measured", [1], [1], [1], [1])
+    few, many = (
+        drawn(*(Curve(f"p{i}", [1], [1], is_line=True) for i in range(count)), points)["legend"]["data"]
+        for count in (5, 7)
+    )
+    assert [one["itemStyle"] for one in few] == [{"opacity": 0}] * 5 + [{}]
+    assert [one["itemStyle"] for one in many] == [{}] * 8
 
 
 MISSED = Verdict(2.0, 1.8, 2.2, 0.5, 0.25, misses=True, sentence="+25 %, 2.0 of its uncertainty")

@@ -224,7 +224,10 @@ def options_of(
             "itemWidth": 38,
             "textStyle": {"color": "var(--ink)"},
             "pageTextStyle": {"color": "var(--ink)"},
-            "data": [curve.name for curve in curves],
+            "data": [
+                {"name": curve.name, "itemStyle": {"opacity": 0} if curve.is_line and not has_marks else {}}
+                for curve in curves
+            ],  # a line that has no markers has none here
         },
         "tooltip": {
             "trigger": "item",
@@ -292,8 +295,8 @@ def _series(curve: Curve, number: int, size: int, has_marks: bool) -> list[dict[
         "borderColor": colour,
         "borderWidth": 2,
     }  # so that none is taken for a measurement
-    line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": hollow, "silent": True}
-    line["symbol"] = symbol if has_marks else "none"  # the legend draws it, too
+    line = {"type": "line", "name": curve.name, "showSymbol": False, "symbol": symbol, "itemStyle": hollow}
+    line["silent"] = True
     made: list[dict[str, Any]] = []
     stable = curve.is_stable or [True] * len(points)
     for wanted, pattern in ((True, dash), (False, _UNSTABLE)):
