@@ -549,6 +549,7 @@ def test_what_is_of_another_joint_is_grey_until_the_curve_is_there(opened: Open,
         page.wait_for_selector("#sinew-compiling", state="hidden")
 
 
+@pytest.mark.long
 def test_a_suggested_pretension_goes_when_the_joint_it_was_for_does(opened: Open, shown: Served) -> None:
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")

@@ -317,10 +317,14 @@ def test_escape_twice_stops_whatever_is_open(opened: Open, stage: Stage, what: s
     page = opened(stage, path)
     page.wait_for_selector("#sinew-duration, #sinew-scope")
     page.wait_for_timeout(1000)
-    open_it(page)
-    assert is_uncovered(page)
-    page.keyboard.press("Escape")
-    page.keyboard.press("Escape")
+    page.evaluate("window.pressed = []; addEventListener('keydown', (event) => pressed.push(event.timeStamp), true)")
+    for _ in range(10):  # until a busy computer presses twice within half a second
+        open_it(page)
+        assert is_uncovered(page)
+        page.keyboard.press("Escape")
+        page.keyboard.press("Escape")
+        if page.evaluate("pressed.at(-1) - pressed.at(-2)") < 500:
+            break
     page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
 
 

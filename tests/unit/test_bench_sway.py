@@ -66,6 +66,7 @@ def test_tendons_that_the_motors_cannot_drive_so_are_refused_with_the_reason(pla
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_head_that_the_tendons_drive_tilts_on_the_bench_as_on_the_twin() -> None:
     plan = swaying(0.8, 4.0, bend_deg=20.0)
     run = run_bent(plan, RIG)

@@ -109,7 +109,8 @@ def dragged_steps(levels: tuple[float, ...]) -> list[ResponsePoints]:
     return [make_points(hertz[k], wave[k], std, push[k], excitation="force", output_unit="rad") for k in rows]
 
 
-@pytest.mark.slow  # 3 s: the law is compiled by itself
+@pytest.mark.slow
+@pytest.mark.long
 def test_the_drag_of_a_stepped_sine_and_the_damping_beside_it_are_told_by_two_levels_of_the_drive() -> None:
     found = sn.identify(dragged_steps((2.0, 20.0)), "drag").response
     assert found is not None

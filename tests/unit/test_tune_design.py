@@ -94,6 +94,7 @@ def test_a_candidate_resonates_by_harmonic_balance_where_the_search_says() -> No
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_block_gives_the_same_candidates_again_and_they_keep_the_limits() -> None:
     silicones = {"base": shear_modulus_of(RIG)}
     first, other = (blocks_of(dump_rig(RIG), TARGET, silicones, ["circle"], 8, seed)[0] for seed in (1000, 1001))
