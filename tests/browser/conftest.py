@@ -50,7 +50,7 @@ def opened(chromium: "sync_api.Browser") -> "Iterator[Callable[..., sync_api.Pag
         )
         contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(60_000)
+        page.set_default_timeout(120_000)
         if complain:
             page.on("pageerror", lambda error: complaints.append(str(error)))
         if signed_in:
