@@ -215,13 +215,6 @@ def test_what_was_emulated_and_what_a_run_doubts_is_said(opened: Open, stage: St
     assert "emulated" in page.inner_text("#sinew-source")
 
 
-def test_the_plan_that_is_offered_first_frightens_nobody(opened: Open, stage: Stage) -> None:
-    page = opened(stage, "/plan")
-    page.wait_for_selector("text=You may start.", timeout=180_000)  # the twin is compiled for it
-    assert page.locator("text=/^Note: /").count() == 2
-    assert page.locator("text=/^Mind: /").count() == 0
-
-
 # Stops.
 
 

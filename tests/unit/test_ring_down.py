@@ -7,7 +7,7 @@ from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
 from sinew.analysis.decay.free_decay import drive_stop, find_peaks, fit_envelope
-from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
+from sinew.analysis.decay.ring_down import analyse_ring_down, paper_envelope, ring_down_json
 
 dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])
 
@@ -143,6 +143,16 @@ def test_the_peaks_of_a_rate_are_those_of_its_angle() -> None:
     decay = Decay(0.08, phase=0.4)
     result = analyse_ring_down(t, decay.rate(t) + 2, is_rate=True, unit="deg/s")
     assert result.peak_value[:6] == pytest.approx(decay.angle(result.peak_time_s[:6]), rel=0.01)
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.08])
+def test_the_papers_numbers_of_a_rate_are_had_without_the_direct_fits(damping: float) -> None:
+    t = times(sample_hz=200.0)
+    rate = Decay(damping).rate(t) + 0.1
+    alone = paper_envelope(t, rate, free_from_s=0.3)
+    assert alone.lehr_damping == pytest.approx(damping / np.sqrt(1 - damping**2), rel=0.01)
+    whole = analyse_ring_down(t, rate, is_rate=True, unit="rad/s", free_from_s=0.3).paper
+    assert (alone.lehr_damping, alone.omega_rad_s) == (whole.lehr_damping, whole.omega_rad_s)
 
 
 def test_the_peaks_of_a_rate_have_the_unit_of_the_angle() -> None:
