@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
@@ -171,7 +171,9 @@ class _Sliders:
                 with card("Phase: lag of the torsion", 12) as phase:
                     self._phase = Curves("phase")
                 with card("What it is worth", 12) as worth:
-                    self._notes = ui.element("div").props("role=status").classes("sinew-stack")
+                    with ui.element("div").props("role=status").classes("sinew-stack"):
+                        self._notes = [ui.label().props(f"id=sinew-{name}") for name in ("peak", "lag", "folds", "worth")]
+                    self._trouble = ui.label().props("role=alert").classes("sinew-bad")
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
@@ -179,7 +181,7 @@ class _Sliders:
                         .classes("sinew-scroll sinew-whole")
                         .props('tabindex=0 role=region aria-label="Joints"')
                     )
-        self._dated = gain, phase, worth
+        self._dated, self._client = (gain, phase, worth), ui.context.client
         self._clock = ui.timer(_TICK_S, self._count, active=False)
 
     def _slider(self, key: str, size: _Size) -> None:
@@ -233,7 +235,7 @@ class _Sliders:
         await self._list_rigs()
         ui.timer(0.0, self._save_what_was_left, once=True)
         if self._now.found is None:
-            await self._change()
+            await self._change(self._call("sketch_curves"))
         else:
             self._tell(self._now.found, fine=True)
             self._await(is_outdated=False)
@@ -244,7 +246,7 @@ class _Sliders:
                 self._arrived()
         self._site.work.warm_up()
         if self._now.found is not None and self._now.found.get("is_shipped"):
-            await self._compute(self._turn, fine=True)
+            await self._compute(self._turn, self._call("design_curves"), fine=True)
         for joint in joints[1:]:
             if joint.found is None or joint.found.get("is_shipped"):
                 await self._finish(joint)
@@ -299,16 +301,18 @@ class _Sliders:
                 self._rows[key].said.set_text("")
         if not changed:
             return  # the last of a burst comes twice, and slider and number tell each other
+        sketch = None if changed == [_DRAWN_ONLY] else asyncio.ensure_future(self._call("sketch_curves"))
+        await asyncio.sleep(0)  # it is under way before the page is laid out for what is asked
         for key in changed:
             self._show_value(key)
         if set(changed) - {"pretension_mm"}:
             self._suggestion.set_text("")
             self._use.set_visibility(False)
         remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
-        if changed == [_DRAWN_ONLY]:
+        if sketch is None:
             self._draw()
         else:
-            await self._change()
+            await self._change(sketch)
 
     def _within(self, key: str, value: float) -> float:
         return min(max(value, self._ranges[key].low), self._ranges[key].high)
@@ -321,24 +325,24 @@ class _Sliders:
         is_built = value == self._built[key]
         row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
 
-    async def _change(self) -> None:
+    async def _change(self, sketch: Awaitable[Any]) -> None:
         """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
         self._turn += 1
-        turn, was_fine, self._now.is_fine = self._turn, self._now.is_fine, False
+        turn, self._now.is_fine = self._turn, False
         self._await(is_outdated=True)
-        if was_fine:
-            self._tabulate()
-        else:
-            self._differs.set_text(_different(self._now.values, self._built))
-        await self._compute(turn, fine=False)
+        self._fill_table()
+        await self._compute(turn, sketch, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
-            await self._compute(turn, fine=True)
+            await self._compute(turn, self._call("design_curves"), fine=True)
 
-    async def _compute(self, turn: int, *, fine: bool) -> None:
-        name, values = "design_curves" if fine else "sketch_curves", dict(self._now.values)
+    def _call(self, name: str) -> Awaitable[Any]:
+        """Return what is to be awaited for the curves of the joint as it is now; of those that wait the newest is run."""
+        return self._curves_of(dict(self._now.values), name, key=f"{name} {id(self)}")
+
+    async def _compute(self, turn: int, asked: Awaitable[Any], *, fine: bool) -> None:
         try:
-            found = await self._curves_of(values, name, key=f"{name} {id(self)}")
+            found = await asked
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
         if found is None or (fine and turn != self._turn) or self._table.is_deleted:
@@ -353,12 +357,12 @@ class _Sliders:
         self._draw()
         self._tell(found, fine)
         if fine:
-            self._tabulate()
+            self._fill_table()
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
         more = [True] if name == "design_curves" else []
         call = self._site.work.call(name, *self._asked(values), *more, key=key)
-        return await unless_left(call, ui.context.client.disconnected())
+        return await unless_left(call, self._client.disconnected())
 
     def _asked(self, values: Mapping[str, float]) -> tuple[str, dict[str, float], float, float, tuple[float, float]]:
         return self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
@@ -378,7 +382,7 @@ class _Sliders:
         joint.is_fine = True
         if not self._table.is_deleted:
             self._draw()
-            self._tabulate()
+            self._fill_table()
 
     def _draw(self) -> None:
         """Draw what is known of all joints; it computes nothing."""
@@ -390,13 +394,12 @@ class _Sliders:
             curves.draw([_curve(one, what) for one in joints])
 
     def _tell(self, found: dict[str, Any], fine: bool) -> None:
-        self._notes.clear()
-        with self._notes:
-            if "trouble" in found:
-                ui.label(found["trouble"]).props("role=alert").classes("sinew-bad")
-                return
-            for sentence in _sentences(found, fine):
-                ui.label(sentence).props("id=sinew-peak" if sentence.startswith("Largest") else "")
+        self._trouble.set_text(found.get("trouble", ""))
+        for label, sentence in zip(self._notes, _sentences(found, fine), strict=True):
+            label.set_text(sentence)
+            label.set_visibility(bool(sentence))
+        if "trouble" in found:
+            return
         if found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
             self._checks.clear()
             with self._checks:
@@ -440,18 +443,24 @@ class _Sliders:
                 for text in _HEADS:
                     _cell("th", text, "scope=col")
             with ui.element("tbody"):
-                for joint in (self._as_built, self._now, *self._kept):
-                    self._joint_row(joint)
+                self._cells = [self._joint_row(joint) for joint in self._joints()]
+        self._fill_table()
 
-    def _joint_row(self, joint: _Joint) -> None:
+    def _joints(self) -> list[_Joint]:
+        return [self._as_built, self._now, *self._kept]
+
+    def _fill_table(self) -> None:
+        for joint, cells in zip(self._joints(), self._cells, strict=True):
+            built = None if joint is self._as_built else self._as_built.found
+            numbers = _numbers(joint.found if joint.is_fine else None, built)
+            for cell, text in zip(cells, (_different(joint.values, self._built), *numbers), strict=True):
+                cell.set_text(text)
+
+    def _joint_row(self, joint: _Joint) -> list[ui.label]:
+        """Lay out a joint's row, and return the cells whose texts change."""
         with ui.element("tr"):
             _cell("th", joint.name, "scope=row")
-            differs = _cell("td", _different(joint.values, self._built))
-            if joint is self._now:
-                self._differs = differs
-            built = None if joint is self._as_built else self._as_built.found
-            for text in _numbers(joint.found if joint.is_fine else None, built):
-                _cell("td", text)
+            cells = [_cell("td", "") for _ in _HEADS[1:-1]]
             with ui.element("td"):
                 if joint in self._kept:
                     with ui.element("div").classes("sinew-row"):
@@ -459,6 +468,7 @@ class _Sliders:
                         plain_button("Remove", "", lambda: self._unpin(joint)).props(
                             f'aria-label="Remove {joint.name}"'
                         )
+        return cells
 
     # A pretension is suggested, and a joint becomes a rig.
 
@@ -628,16 +638,18 @@ def _cell(tag: str, text: str, props: str = "") -> ui.label:
         return ui.label(text)
 
 
-def _sentences(found: dict[str, Any], fine: bool) -> Sequence[str]:
-    """Return what is to be said of a predicted curve."""
+def _sentences(found: dict[str, Any], fine: bool) -> tuple[str, str, str, str]:
+    """Return what is to be said of a predicted curve: of its peak, its lag of 90°, its folds and its worth; empty where
+    there is nothing to say."""
+    if "trouble" in found:
+        return "", "", "", ""
     peak, lag, folds = found["peak"], found["phase_90"], len(found["folds"])
-    said = []
-    if peak:
-        said.append(f"Largest gain {peak['gain']:.3f} at {peak['frequency_hz']:.3f} Hz")
-    if lag:
-        said.append(f"Lag of 90° behind the lever at {lag['frequency_hz']:.3f} Hz")
     many = f"{folds} folds: between them a sweep up and one down differ"
-    said.append(many if folds else "No fold: one motion at each frequency")
     worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
     how = f"Refined, to {worth}" if fine else f"A sketch while sliders move, right to {worth}"
-    return [*said, f"{how}; what the parameters leave open is not in it"]
+    return (
+        f"Largest gain {peak['gain']:.3f} at {peak['frequency_hz']:.3f} Hz" if peak else "",
+        f"Lag of 90° behind the lever at {lag['frequency_hz']:.3f} Hz" if lag else "",
+        many if folds else "No fold: one motion at each frequency",
+        f"{how}; what the parameters leave open is not in it",
+    )
