@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Awaitable, Mapping, Sequence
+from collections.abc import Awaitable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
@@ -172,8 +172,11 @@ class _Sliders:
                     self._phase = Curves("phase")
                 with card("What it is worth", 12) as worth:
                     with ui.element("div").props("role=status").classes("sinew-stack"):
-                        self._notes = [ui.label().props(f"id=sinew-{name}") for name in ("peak", "lag", "folds", "worth")]
+                        self._notes = [
+                            ui.label().props(f"id=sinew-{name}") for name in ("peak", "lag", "folds", "worth")
+                        ]
                     self._trouble = ui.label().props("role=alert").classes("sinew-bad")
+                    self._trouble.set_visibility(False)
                     self._checks = ui.element("div").classes("sinew-stack")
                 with card("Joints side by side", 12):
                     self._table = (
@@ -337,7 +340,7 @@ class _Sliders:
             await self._compute(turn, self._call("design_curves"), fine=True)
 
     def _call(self, name: str) -> Awaitable[Any]:
-        """Return what is to be awaited for the curves of the joint as it is now; of those that wait the newest is run."""
+        """Return what to await for the curves of the joint as it is now; of those that wait the newest is run."""
         return self._curves_of(dict(self._now.values), name, key=f"{name} {id(self)}")
 
     async def _compute(self, turn: int, asked: Awaitable[Any], *, fine: bool) -> None:
@@ -395,6 +398,7 @@ class _Sliders:
 
     def _tell(self, found: dict[str, Any], fine: bool) -> None:
         self._trouble.set_text(found.get("trouble", ""))
+        self._trouble.set_visibility("trouble" in found)
         for label, sentence in zip(self._notes, _sentences(found, fine), strict=True):
             label.set_text(sentence)
             label.set_visibility(bool(sentence))
