@@ -9,10 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
@@ -27,6 +26,9 @@ from sinew.measure.doors import write_text
 from sinew.measure.estimate import DIGITS, typeset
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ _COLUMNS = (
 )
 
 
-def energy_columns(results: xr.Dataset) -> list[tuple[str, Array, Array]]:
+def energy_columns(results: "xr.Dataset") -> list[tuple[str, Array, Array]]:
     """Return (head, value, standard deviation over repeats) of every column, (p,); empty without the energy part."""
     if "energy_reduction" not in results:
         return []
@@ -111,7 +113,7 @@ def energy_columns(results: xr.Dataset) -> list[tuple[str, Array, Array]]:
     ]
 
 
-def energy_note(results: xr.Dataset) -> str:
+def energy_note(results: "xr.Dataset") -> str:
     """Return what the columns mean, and what is in none of them; empty without the energy part."""
     if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
         return ""
@@ -153,7 +155,7 @@ def fixed(value: float | None, decimals: int) -> str:
     return typeset(estimate.fixed(value if value is None or math.isfinite(value) else None, decimals))
 
 
-def measured_tables(results: xr.Dataset) -> list[Table]:
+def measured_tables(results: "xr.Dataset") -> list[Table]:
     """Return what was measured at each pretension: of sweep, ring-downs and energy, each where there is one."""
     tables = []
     notes = (str(results.attrs.get("resonance_notes", "")), _MEANT, _verdict(results), energy_note(results))
@@ -174,7 +176,7 @@ def measured_tables(results: xr.Dataset) -> list[Table]:
     return tables
 
 
-def window_table(results: xr.Dataset) -> Table | None:
+def window_table(results: "xr.Dataset") -> Table | None:
     """Return D over pretension by where the decay begins, a row for each start; None without planned ring-downs."""
     windows = decay_windows(results)
     if not windows:
@@ -207,7 +209,7 @@ _MEANT = (
 )
 
 
-def _meanings(results: xr.Dataset) -> list[Column]:
+def _meanings(results: "xr.Dataset") -> list[Column]:
     heads = {
         "paper_resonance_hz": "mean of peaks (Eq. 6) in Hz",
         "resonance_hz": "fundamental in Hz",
@@ -221,7 +223,7 @@ def _meanings(results: xr.Dataset) -> list[Column]:
     ]
 
 
-def _verdict(results: xr.Dataset) -> str:
+def _verdict(results: "xr.Dataset") -> str:
     """Return how many of the decays are exponential, and what follows where some are not; empty without ring-downs."""
     if "exponential" not in results:
         return ""
@@ -232,7 +234,7 @@ def _verdict(results: xr.Dataset) -> str:
     return text + " Where a decay is not, its damping depends on the amplitude; λ, ⟨ω⟩, D, d and k are means over it."
 
 
-def _resonance(results: xr.Dataset) -> list[Column]:
+def _resonance(results: "xr.Dataset") -> list[Column]:
     if "resonance_hz" not in results:
         return []
     units = [str(results.attrs.get(name, "rad")) for name in ("response_unit", "drive_unit")]
@@ -250,7 +252,7 @@ def _resonance(results: xr.Dataset) -> list[Column]:
     ]
 
 
-def _decay(results: xr.Dataset) -> list[Column]:
+def _decay(results: "xr.Dataset") -> list[Column]:
     if "paper_lehr_damping" not in results:
         return []
     return [

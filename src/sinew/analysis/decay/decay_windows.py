@@ -8,14 +8,16 @@ a statement about it is one that all of them make.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from sinew.analysis.signal.repeats import fit_trend, pool_repeats
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.estimate import Estimate, finite
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class DecayWindow:
         }
 
 
-def decay_windows(results: xr.Dataset) -> list[DecayWindow]:
+def decay_windows(results: "xr.Dataset") -> list[DecayWindow]:
     """Return D over pretension for every window of the results, the earliest first.
 
     results: of `sinew.analysis.analysed.analyse_recording`. Empty where they hold no planned ring-downs at two
