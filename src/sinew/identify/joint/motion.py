@@ -38,7 +38,7 @@ _LANES = 16
 _FEWEST_STEPS = 2
 _LARGEST_PHASE = 1.8  # of the axial motion in a step of RK4 [rad]; it is unstable beyond 2.8
 _FASTEST_TORSION = 30.0  # that guides are stepped for [rad/s]
-_ROOM = 1024  # samples: few different ones, so that few are compiled for
+_ROOM = 2048  # samples: few different ones, so that few are compiled for
 _DIRECTIONS = 9  # fewer are filled up with zeros, for the same reason
 
 
@@ -76,6 +76,8 @@ def _step(state: State, push: jax.Array, step_s: jax.Array, p: Parameters) -> St
     """Return the state a step of RK4 later; push: lever acceleration at its begin, middle and end, shape (3,).
 
     The stages are a loop, not the twin's four calls: with derivatives those take four times as long to compile.
+    What a loop begins with depends in name on what is differentiated (`0.0 *`), here and in `_set` and `_simulate`: JAX
+    traces a loop anew until it knows which of its numbers do, and with it every loop inside, five seconds for two.
     """
     share, weight = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6
     which = jnp.array([0, 1, 1, 2])
@@ -86,7 +88,7 @@ def _step(state: State, push: jax.Array, step_s: jax.Array, p: Parameters) -> St
         slope = derivative(at, *head_forces(at, p), push[which[i]], p)
         return slope, jax.tree.map(lambda y, dy: y + weight[i] * step_s * dy, after, slope)
 
-    still: State = jax.tree.map(jnp.zeros_like, state)
+    still: State = jax.tree.map(lambda y: 0.0 * y, state)
     reached: State = jax.lax.fori_loop(0, 4, stage, (still, state))[1]
     return reached
 
@@ -100,7 +102,8 @@ def _set(lane: _Lane, numbers: Numbers) -> tuple[Parameters, State]:
     p = numbers.p._replace(guides=numbers.p.guides.scaled(1 + lane.rougher))
     reserve = jnp.asarray(LIMIT_RESERVE_N)
     held, shortening = set_pretension(p, lane.pretension + lane.moved, numbers.contact, lane.mode, reserve)
-    return held, state_at_rest(shortening, held)
+    begin: State = jax.tree.map(lambda y: y + 0.0 * lane.moved, state_at_rest(shortening, held))
+    return held, begin
 
 
 def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Array, room: int) -> jax.Array:
@@ -119,7 +122,7 @@ def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Arr
         kept = jax.lax.dynamic_update_index_in_dim(kept, seen, n, axis=0)
         return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), kept
 
-    kept = jnp.zeros((room, lanes.step_s.shape[0], len(CHANNELS)))
+    kept = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.moved[:, None]
     return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, kept))[1])
 
 

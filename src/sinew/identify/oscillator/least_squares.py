@@ -130,7 +130,7 @@ def _descend(
     huge = _HUGE * max(float(np.abs(first).max()), 1e-100)
 
     def residual(x: Array) -> Array:
-        r = problem.residual(x)
+        r = first if np.array_equal(x, start) else problem.residual(x)
         return r if _has_a_sum(r) else np.full(r.shape, huge)
 
     def jacobian(x: Array) -> Array:
@@ -150,11 +150,10 @@ def _descend(
         gtol=tolerance,
         max_nfev=max_evaluations,
     )
-    values = np.asarray(end.x, dtype=float)
     return Solution(
-        values,
+        np.asarray(end.x, dtype=float),
         np.asarray(end.fun, dtype=float),
-        np.asarray(jacobian(values), dtype=float),
+        np.asarray(end.jac, dtype=float),  # of a search without a loss function it is that at the solution
         bool(end.status > 0),
         _sentence(int(end.status), int(end.nfev)),
         int(end.nfev),
