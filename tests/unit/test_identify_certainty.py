@@ -140,3 +140,18 @@ def test_fewer_samples_than_parameters_are_refused() -> None:
 def test_a_start_whose_squares_have_no_sum_is_left_out_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
     solution = solve(line_problem(X), np.full(2, 1e200), np.zeros(2))
     assert (solution.start, [str(one.message) for one in recwarn]) == (1, [])
+
+
+@pytest.mark.parametrize("most", [3, 400])
+@pytest.mark.parametrize("bounds", [None, ([0.0, 0.0], [9.0, 9.0])])
+def test_residual_and_jacobian_are_those_at_the_values_however_a_search_ends(
+    bounds: tuple[list[float], list[float]] | None, most: int
+) -> None:
+    t = np.linspace(0, 3, 30)
+    problem = Problem(
+        lambda b: b[0] * np.exp(-b[1] * t) - 2 * np.exp(-3 * t),
+        lambda b: np.stack([np.exp(-b[1] * t), -b[0] * t * np.exp(-b[1] * t)], axis=1),
+    )
+    found = solve(problem, [1.0, 0.3], bounds=bounds, max_evaluations=most)
+    assert np.array_equal(found.residual, problem.residual(found.values))
+    assert np.array_equal(found.jacobian, problem.jacobian(found.values))

@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Awaitable, Mapping
+from collections.abc import Awaitable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
@@ -124,6 +124,7 @@ class _Sliders:
         self._now = _Joint("this joint", dict(self._built), 0)
         self._kept: list[_Joint] = []
         self._rows: dict[str, _Row] = {}
+        self._cells: list[tuple[_Joint, list[ui.label]]] = []  # of the table, by joint
         self._best = 0.0
         self._awaited_from: float | None = (
             None  # since when the present joint's curve, or the first sketch, is computed
@@ -238,7 +239,7 @@ class _Sliders:
         await self._list_rigs()
         ui.timer(0.0, self._save_what_was_left, once=True)
         if self._now.found is None:
-            await self._change(self._call("sketch_curves"))
+            await self._change()
         else:
             self._tell(self._now.found, fine=True)
             self._await(is_outdated=False)
@@ -249,7 +250,7 @@ class _Sliders:
                 self._arrived()
         self._site.work.warm_up()
         if self._now.found is not None and self._now.found.get("is_shipped"):
-            await self._compute(self._turn, self._call("design_curves"), fine=True)
+            await self._compute(self._turn, self._present_curves("design_curves"), fine=True)
         for joint in joints[1:]:
             if joint.found is None or joint.found.get("is_shipped"):
                 await self._finish(joint)
@@ -304,18 +305,20 @@ class _Sliders:
                 self._rows[key].said.set_text("")
         if not changed:
             return  # the last of a burst comes twice, and slider and number tell each other
-        sketch = None if changed == [_DRAWN_ONLY] else asyncio.ensure_future(self._call("sketch_curves"))
-        await asyncio.sleep(0)  # it is under way before the page is laid out for what is asked
+        if changed == [_DRAWN_ONLY]:
+            self._show_asked(changed)
+            self._draw()
+        else:
+            await self._change(changed)
+
+    def _show_asked(self, changed: Sequence[str]) -> None:
+        """Show what some sliders were set to, and have the browser remember it."""
         for key in changed:
             self._show_value(key)
         if set(changed) - {"pretension_mm"}:
             self._suggestion.set_text("")
             self._use.set_visibility(False)
         remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
-        if sketch is None:
-            self._draw()
-        else:
-            await self._change(sketch)
 
     def _within(self, key: str, value: float) -> float:
         return min(max(value, self._ranges[key].low), self._ranges[key].high)
@@ -328,18 +331,25 @@ class _Sliders:
         is_built = value == self._built[key]
         row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
 
-    async def _change(self, sketch: Awaitable[Any]) -> None:
-        """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
+    async def _change(self, changed: Sequence[str] = ()) -> None:
+        """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest.
+
+        changed: sliders that have another value than the page shows.
+        """
         self._turn += 1
         turn, self._now.is_fine = self._turn, False
+        sketch = asyncio.ensure_future(self._present_curves("sketch_curves"))
+        await asyncio.sleep(0)  # it is under way before the page is laid out for what is asked
+        if changed:
+            self._show_asked(changed)
         self._await(is_outdated=True)
         self._fill_table()
         await self._compute(turn, sketch, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
-            await self._compute(turn, self._call("design_curves"), fine=True)
+            await self._compute(turn, self._present_curves("design_curves"), fine=True)
 
-    def _call(self, name: str) -> Awaitable[Any]:
+    def _present_curves(self, name: str) -> Coroutine[Any, Any, Any]:
         """Return what to await for the curves of the joint as it is now; of those that wait the newest is run."""
         return self._curves_of(dict(self._now.values), name, key=f"{name} {id(self)}")
 
@@ -397,12 +407,12 @@ class _Sliders:
             curves.draw([_curve(one, what) for one in joints])
 
     def _tell(self, found: dict[str, Any], fine: bool) -> None:
-        self._trouble.set_text(found.get("trouble", ""))
-        self._trouble.set_visibility("trouble" in found)
-        for label, sentence in zip(self._notes, _sentences(found, fine), strict=True):
+        trouble = found.get("trouble", "")
+        said = ("",) * len(self._notes) if trouble else _sentences(found, fine)
+        for label, sentence in zip((self._trouble, *self._notes), (trouble, *said), strict=True):
             label.set_text(sentence)
             label.set_visibility(bool(sentence))
-        if "trouble" in found:
+        if trouble:
             return
         if found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
             self._checks.clear()
@@ -447,14 +457,12 @@ class _Sliders:
                 for text in _HEADS:
                     _cell("th", text, "scope=col")
             with ui.element("tbody"):
-                self._cells = [self._joint_row(joint) for joint in self._joints()]
+                self._cells = [(one, self._joint_row(one)) for one in (self._as_built, self._now, *self._kept)]
         self._fill_table()
 
-    def _joints(self) -> list[_Joint]:
-        return [self._as_built, self._now, *self._kept]
-
     def _fill_table(self) -> None:
-        for joint, cells in zip(self._joints(), self._cells, strict=True):
+        """Say in the table what is known of its joints; before it is laid out there is nothing to say it in."""
+        for joint, cells in self._cells:
             built = None if joint is self._as_built else self._as_built.found
             numbers = _numbers(joint.found if joint.is_fine else None, built)
             for cell, text in zip(cells, (_different(joint.values, self._built), *numbers), strict=True):
@@ -643,10 +651,8 @@ def _cell(tag: str, text: str, props: str = "") -> ui.label:
 
 
 def _sentences(found: dict[str, Any], fine: bool) -> tuple[str, str, str, str]:
-    """Return what is to be said of a predicted curve: of its peak, its lag of 90°, its folds and its worth; empty where
-    there is nothing to say."""
-    if "trouble" in found:
-        return "", "", "", ""
+    """Return what is to be said of a predicted curve, of its peak, its lag of 90°, its folds and its worth; empty where
+    it has none."""
     peak, lag, folds = found["peak"], found["phase_90"], len(found["folds"])
     many = f"{folds} folds: between them a sweep up and one down differ"
     worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
