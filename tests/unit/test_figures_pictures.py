@@ -12,6 +12,7 @@ from sinew.figures.decay import draw_decay
 from sinew.figures.style import few, frequency_colours, pretension_colours
 from sinew.measure.arrays import mean_and_spread
 from sinew.measure.errors import FileError
+from sinew.measure.tasks import beside
 from sinew.paper.report import CAPTIONS, FIGURES, build_figures, draw_figures
 
 
@@ -33,7 +34,8 @@ def test_every_figure_is_written_in_every_format(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_processes_write_the_same_pictures_as_one(tmp_path: Path) -> None:
     one = draw_figures(recording(), results(), tmp_path / "one", formats=("png",))
-    two = draw_figures(recording(), results(), tmp_path / "two", formats=("png",), workers=2)
+    with beside(1) as hand:
+        two = draw_figures(recording(), results(), tmp_path / "two", formats=("png",), hand=hand)
     assert [p.read_bytes() for p in one] == [p.read_bytes() for p in two]
 
 

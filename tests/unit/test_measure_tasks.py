@@ -5,6 +5,7 @@ import pickle
 import re
 import signal
 import sqlite3
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -188,15 +189,45 @@ def test_a_call_is_made_beside_this_process_or_here_when_it_is_asked_for(
 ) -> None:
     monkeypatch.setenv(CORES, "4")
     with beside(1) as hand:
-        elsewhere, refused = hand(of_process), hand(square, Job(-1.0, log))
+        first, elsewhere, refused = hand(square, Job(2.0, log)), hand(of_process), hand(square, Job(-1.0, log))
+        for _ in range(600):
+            if log.exists():
+                break
+            time.sleep(0.1)
         other, threads = elsewhere()
         with pytest.raises(SpecError, match="no square of that"):
             refused()
+        assert first() == 4.0
     assert (other != os.getpid(), threads, cores()) == (True, 2, 4)
     with beside(0) as hand:
         here = hand(square, Job(3.0, log))
-        assert computed(log) == [-1.0]
-        assert (here(), computed(log)) == (9.0, [-1.0, 3.0])
+        assert computed(log) == [2.0, -1.0]
+        assert (here(), computed(log)) == (9.0, [2.0, -1.0, 3.0])
+
+
+def pausing(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_what_no_process_has_come_to_is_done_here_when_it_is_asked_for() -> None:
+    with beside(1) as hand:
+        later = [hand(pausing, 0.1) for _ in range(12)]
+        done = [fetched() for fetched in reversed(later)]
+    assert done[0] == os.getpid() != done[-1]
+
+
+def ask_for_much_and_break_off(log: Path) -> None:
+    with beside(1) as hand:
+        for number in range(20):
+            hand(square, Job(float(number), log))
+        raise SpecError("something amiss")
+
+
+def test_calls_that_wait_are_not_begun_after_an_error(log: Path) -> None:
+    with pytest.raises(SpecError, match="amiss"):
+        ask_for_much_and_break_off(log)
+    assert not log.exists() or len(computed(log)) < 5
 
 
 def test_what_a_process_took_with_it_is_made_here() -> None:

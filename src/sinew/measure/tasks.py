@@ -6,11 +6,14 @@ some milliseconds for each; tasks of seconds to minutes are what it is for.
 """
 
 import asyncio
+import atexit
+import gc
 import hashlib
 import io
 import logging
 import os
 import pickle
+import signal
 import sqlite3
 import time
 import warnings
@@ -176,10 +179,10 @@ def _in_processes(
     tries = 0
     while waiting:
         broken: BrokenProcessPool | None = None
-        pool = ProcessPoolExecutor(workers, get_context("spawn"))
+        pool = _pool_of(workers)
         try:
             with _share_of(workers):
-                futures = {pool.submit(function, task): place for place, task in waiting.items()}
+                futures = {pool.submit(_interruptible, function, task): place for place, task in waiting.items()}
             for future in as_completed(futures):
                 try:
                     result = future.result()
@@ -199,13 +202,17 @@ def _in_processes(
             ) from broken
 
 
+Hand = Callable[..., Callable[[], Any]]
+"""What hands a call over, `hand(function, *arguments)`, and returns what fetches its result; see `beside`."""
+
+
 @contextmanager
-def beside(processes: int) -> Iterator[Callable[..., Callable[[], Any]]]:
+def beside(processes: int) -> Iterator[Hand]:
     """Give what hands calls to further processes while this one goes on.
 
-    processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result. A call that no
-    process made, or that a process took with it when it ended, is made here when its result is fetched. The processes
-    are spawned: a script needs the usual `if __name__ == "__main__":`.
+    processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result, once. A call that
+    no process has come to by then, or that one took with it when it ended, is made here. The processes are spawned: a
+    script needs the usual `if __name__ == "__main__":`. Calls that nobody fetched before an error are not begun.
 
     >>> with beside(0) as hand:
     ...     later = hand(divmod, 7, 2)
@@ -215,21 +222,43 @@ def beside(processes: int) -> Iterator[Callable[..., Callable[[], Any]]]:
     if processes < 1:
         yield partial
         return
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+    pool = _pool_of(processes)
 
-        def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-            with _share_of(processes + 1):
-                future = pool.submit(function, *arguments)
+    def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+        with _share_of(processes + 1):
+            future = pool.submit(_interruptible, function, *arguments)
 
-            def fetched() -> Any:
-                try:
+        def fetched() -> Any:
+            if not future.cancel():
+                with suppress(BrokenProcessPool):
                     return future.result()
-                except BrokenProcessPool:
-                    return function(*arguments)
+            return function(*arguments)
 
-            return fetched
+        return fetched
 
+    try:
         yield hand
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _pool_of(processes: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(processes, get_context("spawn"), _begin_process)
+
+
+def _begin_process() -> None:
+    """Set up a process of a pool, which leaves an interrupt to whoever asked for it, see `_interruptible`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    atexit.register(gc.freeze)  # to look for what to collect at the end takes half a second where JAX is loaded
+
+
+def _interruptible(function: Callable[..., R], *arguments: Any) -> R:
+    """Make a call in a process of a pool, which an interrupt breaks off; one that waits for a call hears of none."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return function(*arguments)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _share_of(workers: int) -> AbstractContextManager[None]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
 from sinew.measure.recording import SOURCES
-from sinew.measure.tasks import beside
+from sinew.measure.tasks import Hand
 from sinew.paper.answers.answer import Answer, Cell
 from sinew.paper.table import count_roles, is_the_papers
 from sinew.plan.rig import RigSpec
@@ -394,19 +395,19 @@ def build_figures(recording: xr.Dataset, results: xr.Dataset) -> Iterator[tuple[
 
 
 def draw_figures(
-    recording: xr.Dataset, results: xr.Dataset, folder: Path, formats: Sequence[str] = ("png", "pdf"), workers: int = 1
+    recording: xr.Dataset,
+    results: xr.Dataset,
+    folder: Path,
+    formats: Sequence[str] = ("png", "pdf"),
+    hand: Hand = partial,
 ) -> list[Path]:
     """Draw all figures into a folder and return the paths that were written, in the order of the paper.
 
     formats: file endings that matplotlib knows.
-    workers: processes that write the files, this one among them; drawing stays here. Further ones are spawned (a
-        script that asks for them needs the usual `if __name__ == "__main__":`) and take a second to start. On two
-        free cores 2 workers save about a second of 4.5, on busy ones they cost more than they save.
+    hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
+        while the next are drawn, this one with the last. It is here that figures are drawn.
     Raises FileError where the folder cannot be written.
     """
-    drawn = list(build_figures(recording, results))
-    jobs = [(figure, folder, name, formats) for name, figure in drawn]
-    with beside(workers - 1) as hand:
-        elsewhere = {i: hand(save_figure, *job) for i, job in enumerate(jobs) if i % workers}
-        here = {i: save_figure(*job) for i, job in enumerate(jobs) if not i % workers}
-        return [path for i in range(len(jobs)) for path in (here[i] if i in here else elsewhere[i]())]
+    later = [hand(save_figure, figure, folder, name, formats) for name, figure in build_figures(recording, results)]
+    written = [fetched() for fetched in reversed(later)]
+    return [path for paths in reversed(written) for path in paths]

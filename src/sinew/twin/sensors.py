@@ -1,8 +1,10 @@
 """Sensors: the true motion of a plan becomes what the registers and stamps of a bench would say."""
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
@@ -59,13 +61,15 @@ def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Gen
 
 def _moving_average(values: Array, starts: NDArray[np.intp], count: int) -> Array:
     """Return the causal mean over `count` samples; before the start of a group the first sample is repeated."""
-    index = np.arange(values.size)
-    first = np.zeros(values.size, dtype=np.intp)
-    first[starts] = starts
-    first = np.maximum.accumulate(first)
-    total = np.zeros_like(values)
-    for back in range(count):
-        total += values[np.maximum(index - back, first)]
+    total = values.copy()
+    for back in range(1, count):
+        total[back:] += values[:-back]
+    index = starts[:, None] + np.arange(count - 1)
+    own = index < np.append(starts[1:], values.size)[:, None]
+    early, first = index[own], np.broadcast_to(starts[:, None], index.shape)[own]
+    total[early] = values[early]
+    for back in range(1, count):
+        total[early] += values[np.maximum(early - back, first)]
     return total / count
 
 
@@ -111,11 +115,16 @@ def read_gyro(
 def read_accelerometer(force: Array, imu: Imu, effects: Effects, rng: np.random.Generator) -> NDArray[np.float32]:
     """Return the accelerometer's three axes [m/s²], shape (sample, 3), for the specific force at the chip, of that
     shape, in frame H; clipped at the range. Its low-pass is not modelled."""
-    if effects.sensor_noise:
-        force = force + imu.accelerometer_noise.value * rng.standard_normal(force.shape)
-        force = np.clip(force, -imu.accelerometer_range.value, imu.accelerometer_range.value)
-        force = np.round(force / imu.accelerometer_lsb.value) * imu.accelerometer_lsb.value
-    return force.astype(np.float32)
+    if not effects.sensor_noise:
+        return force.astype(np.float32)
+    read = rng.standard_normal(force.shape)  # one array, for it is a large one
+    read *= imu.accelerometer_noise.value
+    read += force
+    np.clip(read, -imu.accelerometer_range.value, imu.accelerometer_range.value, out=read)
+    read /= imu.accelerometer_lsb.value
+    np.round(read, out=read)
+    read *= imu.accelerometer_lsb.value
+    return read.astype(np.float32)
 
 
 def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects, rng: np.random.Generator) -> Array:
@@ -131,10 +140,34 @@ def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects
     return np.asarray(ideal + np.clip(jitter, -0.4 / sample_hz, 0.4 / sample_hz))
 
 
-_READ = (
-    "amplitude", "omega", "stop_s", "duty_torque", "speed_slope", "torque_constant", "stiffness", "held_tension", "mode"
-)  # fmt: skip
-"""Parameters that the registers' readings depend on."""
+_BLOCK = 1 << 15
+"""Samples that are read together: what they need stays in the processor's cache."""
+
+_HELD = ("stiffness", "held_tension", "mode")
+"""Parameters that a tendon's tension depends on."""
+
+
+@cache
+def _tension() -> Callable[..., Any]:
+    return jax.jit(lambda stretch, held, p: tendon_tension(stretch, p._replace(**held)))
+
+
+def _tensions(stretch: Array, p: Parameters, group: NDArray[np.intp]) -> Array:
+    """Return the tension of every tendon [N] for its elongation [m], (sample, tendon); group: of each sample.
+
+    In blocks of one size, so that it is compiled once.
+    """
+    held = {name: np.asarray(getattr(p, name)) for name in _HELD}
+    one = jax.tree.map(lambda leaf: np.asarray(leaf)[0], p)  # of whatever else a group has, nothing is asked
+    tension = np.empty(stretch.shape)
+    for begin in range(0, len(group), _BLOCK):
+        block = group[begin : begin + _BLOCK]
+        padded = np.pad(block, (0, _BLOCK - block.size), mode="edge")
+        lengths = np.pad(stretch[begin : begin + _BLOCK], ((0, padded.size - block.size), (0, 0)), mode="edge")
+        # tendons that are set one by one have their axis first, as what is elementwise over samples wants it
+        found = _tension()(lengths.T, {name: values[padded].T for name, values in held.items()}, one)
+        tension[begin : begin + block.size] = np.asarray(found).T[: block.size]
+    return tension
 
 
 def read_sensors(
@@ -142,32 +175,12 @@ def read_sensors(
 ) -> dict[str, NDArray[Any]]:
     """Return every channel of the recording over all groups, one after the other. p: parameters of each (group)."""
     counts, starts = moved.counts, moved.starts
-    # tendons that are set one by one have their axis first, as what is elementwise over samples wants it
-    repeated: dict[str, Any] = {n: jnp.asarray(np.repeat(np.asarray(getattr(p, n)), counts, axis=0).T) for n in _READ}
-    each = p._replace(**repeated)
-    own_time = (np.arange(counts.sum()) - np.repeat(starts, counts)) / sample_hz
-    command = np.where(own_time < each.stop_s, each.amplitude * np.sin(each.omega * own_time), 0.0)
-
-    drive, bus, tendons = rig.drive, rig.bus, rig.tendons
-    late = bus.drive_delay.value if effects.sensor_filter else 0.0
-    lever = moved.lever - late * moved.lever_rate
-    current = np.asarray(motor_current(jnp.asarray(moved.duty), jnp.asarray(moved.lever_rate), each))
-    tension = np.asarray(tendon_tension(jnp.asarray(moved.stretch.T), each)).T
-    taken_up = _take_up(moved, tension, rig) / tendons.pulley_radius.value
-    pull = tendons.current(tension)
-    supply = np.full(command.size, drive.supply_voltage.value)
-    turn = 2 * np.pi
-    channels: dict[str, NDArray[Any]] = {
-        "time_s": stamp(counts, sample_hz, bus, effects, rng),
-        "drive_command_rad": command.astype(np.float32),
-        "drive_rad": read_rounded(lever, turn / drive.counts_per_turn.value, effects).astype(np.float32),
-        "drive_current_a": read_rounded(current, drive.current_lsb.value, effects).astype(np.float32),
-        "drive_pwm": read_rounded(moved.duty, drive.duty_lsb.value, effects).astype(np.float32),
-        "tendon_rad": read_rounded(taken_up, turn / tendons.counts_per_turn.value, effects).astype(np.float32),
-        "tendon_current_a": read_rounded(pull, tendons.current_lsb.value, effects).astype(np.float32),
-        "tendon_pwm": read_rounded(
-            _tendon_duty(pull, taken_up, starts, sample_hz, rig), drive.duty_lsb.value, effects
-        ).astype(np.float32),
+    group = np.repeat(np.arange(counts.size), counts)
+    tension = _tensions(moved.stretch, p, group)
+    supply = np.full(group.size, rig.drive.supply_voltage.value)
+    channels: dict[str, NDArray[Any]] = {"time_s": stamp(counts, sample_hz, rig.bus, effects, rng)}
+    channels |= _read_motors(moved, p, group, tension, sample_hz, rig, effects)
+    channels |= {
         "supply_v": read_rounded(supply, VOLTAGE_LSB, effects).astype(np.float32),
         "gyro_rad_s": read_gyro(moved.gyro, moved.gyro_rate, moved.spin, starts, sample_hz, rig.imu, effects, rng),
         "acceleration_m_s2": read_accelerometer(moved.force, rig.imu, effects, rng),
@@ -178,10 +191,63 @@ def read_sensors(
     return channels | {s.channel: s.told(tension, noise).astype(np.float32) for s in rig.sensors}
 
 
+def _read_motors(
+    moved: Moved,
+    p: Parameters,
+    group: NDArray[np.intp],
+    tension: Array,
+    sample_hz: float,
+    rig: RigSpec,
+    effects: Effects,
+) -> dict[str, NDArray[np.float32]]:
+    """Return what the registers of the drive and of the tendon motors say; tension: of each tendon (sample, tendon)."""
+    drive, tendons, starts, size = rig.drive, rig.tendons, moved.starts, group.size
+    late = rig.bus.drive_delay.value if effects.sensor_filter else 0.0
+    inside = np.ones(size, dtype=bool)  # a group's first and last sample have no neighbour on one side
+    inside[starts] = inside[starts - 1] = False
+    turn = 2 * np.pi
+    read: dict[str, NDArray[np.float32]] = {}
+
+    def put(name: str, where: slice, values: Array, lsb: float | None = None) -> None:
+        if name not in read:
+            read[name] = np.empty((size, *values.shape[1:]), dtype=np.float32)
+        read[name][where] = values if lsb is None else read_rounded(values, lsb, effects)
+
+    for begin in range(0, size, _BLOCK):
+        here = slice(begin, begin + _BLOCK)
+        of = group[here]
+        driven: dict[str, Any] = {name: np.asarray(getattr(p, name))[of] for name in _DRIVEN}
+        each = p._replace(**driven)
+        own_time = (np.arange(size)[here] - starts[of]) / sample_hz
+        sine = np.asarray(each.amplitude * np.sin(each.omega * own_time))
+        put("drive_command_rad", here, np.where(own_time < each.stop_s, sine, 0.0))
+        duty: Any = moved.duty[here]
+        rate: Any = moved.lever_rate[here]
+        put("drive_rad", here, moved.lever[here] - late * rate, turn / drive.counts_per_turn.value)
+        put("drive_current_a", here, np.asarray(motor_current(duty, rate, each)), drive.current_lsb.value)
+        put("drive_pwm", here, duty, drive.duty_lsb.value)
+
+        around = slice(max(begin - 1, 0), min(begin + _BLOCK + 1, size))  # with a neighbour on either side
+        own = slice(begin - around.start, begin - around.start + of.size)
+        taken_up = _take_up(moved, tension, group, around, rig) / tendons.pulley_radius.value
+        pull = tendons.current(tension[around])
+        put("tendon_rad", here, taken_up[own], turn / tendons.counts_per_turn.value)
+        put("tendon_current_a", here, pull[own], tendons.current_lsb.value)
+        held = _tendon_duty(pull, taken_up, inside[around], sample_hz, rig)
+        put("tendon_pwm", here, held[own], drive.duty_lsb.value)
+    return read
+
+
+_DRIVEN = ("amplitude", "omega", "stop_s", "duty_torque", "speed_slope", "torque_constant")
+"""Parameters that the readings of the drive depend on."""
+
+
 def _tendon_duty(
-    current: NDArray[np.float64], angle: NDArray[np.float64], starts: NDArray[np.intp], sample_hz: float, rig: RigSpec
+    current: Array, angle: Array, inside: NDArray[np.bool_], sample_hz: float, rig: RigSpec
 ) -> NDArray[np.float64]:
     """Return the duty of the tendon motors, (sample, tendon), for their current [A] and angle [rad] of that shape.
+
+    inside: which samples have a neighbour of their group on either side (sample,).
 
     (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet: nominal
     voltage over stall current, and over no-load speed.
@@ -190,21 +256,19 @@ def _tendon_duty(
     supply = rig.drive.supply_voltage.value
     duty = (servo.resistance / supply) * current
     turned = angle[2:] - angle[:-2]
-    inside = np.ones(angle.shape[0], dtype=bool)  # a group's first and last sample have no neighbour on one side
-    inside[starts] = inside[starts - 1] = False
     duty[1:-1] += (servo.nominal_voltage / servo.no_load_speed / supply * 0.5 * sample_hz) * turned * inside[1:-1, None]
     return np.asarray(np.clip(duty, -1.0, 1.0))
 
 
-def _take_up(moved: Moved, tension: NDArray[np.float64], rig: RigSpec) -> NDArray[np.float64]:
-    """Return how much cable the motors have taken up since first contact [m], shape (sample, tendon).
+def _take_up(moved: Moved, tension: Array, group: NDArray[np.intp], where: slice, rig: RigSpec) -> NDArray[np.float64]:
+    """Return how much cable the motors have taken up since first contact [m], of some samples (sample, tendon).
 
     A group starts at rest with its pretension taken up, less what the servo gives way under the added tension;
     then the motor follows its command, length and tension: Δw = -Δℓ + ΔT/k_cable.
     """
     cable, servo = rig.tendons.cable_stiffness.value, rig.tendons.servo_stiffness.value
     contact = rig.tendons.first_contact_tension.value
-    rest = np.repeat(moved.starts, moved.counts)
-    followed = -(moved.stretch - moved.stretch[rest]) + (tension - tension[rest]) / cable
-    at_rest = np.repeat(moved.at_rest, moved.counts, axis=0)
-    return np.asarray(at_rest - (tension[rest] - contact) / servo + followed + moved.driven)
+    rest = moved.starts[group[where]]
+    followed = -(moved.stretch[where] - moved.stretch[rest]) + (tension[where] - tension[rest]) / cable
+    at_rest = moved.at_rest[group[where]]
+    return np.asarray(at_rest - (tension[rest] - contact) / servo + followed + moved.driven[where])

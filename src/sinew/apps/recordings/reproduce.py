@@ -1,10 +1,11 @@
 """`sinew reproduce`, `report` and `answer`: the paper's campaign on the twin, its pages, and its open questions."""
 
-import os
 import shlex
 import textwrap
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ from sinew.measure.estimate import number, shown_interval
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.measure.tasks import Hand
     from sinew.paper.answers.answer import Answer
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
@@ -57,7 +59,17 @@ def reproduce(
     Writes recording.nc, results.nc, figures/, report.html and summary.json, and beyond.nc, the results of the sweep
     above the paper's range.
     """
-    from sinew.analysis.analysed import analyse_with
+    began = time.monotonic()
+    with _processes() as hand:
+        summary = _reproduce(plan, rig, out, seed, beyond, began, hand)
+    _show(summary, out, json=json)
+
+
+def _reproduce(
+    plan: str, rig: str, out: Path, seed: int, beyond: str | None, began: float, hand: "Hand"
+) -> dict[str, Any]:
+    """Do it and return the summary. What does not wait for the campaign is handed to a process beside this one."""
+    hand(_load)
     from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
@@ -65,7 +77,6 @@ def reproduce(
     from sinew.twin.cache import use_all_cores
     from sinew.twin.simulate import simulate
 
-    began = time.monotonic()
     use_all_cores()
     if beyond is None and plan == "paper":
         beyond = "beyond"
@@ -74,25 +85,48 @@ def reproduce(
     for preview in previews:
         refuse_beyond_limits(preview)
     console.require_folder(out)
+    shares = hand(_effects, plans[0], rig_)
+    above = None if beyond is None else hand(_results, plans[1], rig_, seed)
     command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with console.progress_bar("simulate") as progress:
         recording = simulate(plans[0], rig_, seed=seed, progress=progress).assign_attrs(command=rebuild)
     save_recording(recording, out / "recording.nc")
     results = _analyse(recording, rig_, out)
-    further = None
     (out / "beyond.nc").unlink(missing_ok=True)
-    if beyond is not None:
-        with console.progress_bar("simulate above the paper's range") as progress:
-            further = analyse_with(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
+    (out / "effects.json").unlink(missing_ok=True)
+    with console.progress_bar("simulate above the paper's range, and with effects off"):
+        further, effects = None if above is None else above(), shares()
+    if further is not None:
         save_dataset(further, out / "beyond.nc")
-    effects = _measure_effects(plans[0], rig_, out)
     if effects:
+        console.write_json(effects, out / "effects.json")
         results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
         save_dataset(results, out / "results.nc")
     simulated_s = sum(preview.duration_s for preview in previews)
     campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
-    _show(_write_pages(campaign, out, began=began), out, json=json)
+    return _write_pages(campaign, out, hand, began=began)
+
+
+def _processes() -> "AbstractContextManager[Hand]":
+    """Give what hands calls to the processes beside this one, where there are cores for them."""
+    from sinew.measure.tasks import beside, cores
+
+    return beside(min(4, cores()) - 1)
+
+
+def _load() -> None:
+    """Load what a process beside needs, while the plan is looked at."""
+    import_module("sinew.paper.report")
+    import_module("sinew.paper.summary")
+
+
+def _results(plan: "Plan", rig: "RigSpec", seed: int) -> "xr.Dataset":
+    """Return the results of a plan on the twin."""
+    from sinew.analysis.analysed import analyse_with
+    from sinew.twin.simulate import simulate
+
+    return analyse_with(simulate(plan, rig, seed=seed), rig)
 
 
 def report(
@@ -132,7 +166,9 @@ def report(
         before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
         _rebuild(recording, folder, rig),
     )
-    _show(_write_pages(campaign, folder, began=began, wall_s=before.get("wall_s")), folder, json=json)
+    with _processes() as hand:
+        summary = _write_pages(campaign, folder, hand, began=began, wall_s=before.get("wall_s"))
+    _show(summary, folder, json=json)
 
 
 def _report_tracking(recording: "xr.Dataset", rig: str | None, folder: Path, *, json: bool) -> None:
@@ -156,17 +192,11 @@ def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:
     return f"{made} && {again}" if made else again
 
 
-def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
-    """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
+def _effects(plan: "Plan", rig: "RigSpec") -> list[dict[str, Any]]:
+    """Return the share of each effect; empty for a plan of other pretensions."""
     from sinew.paper.summary import SHARE_PRETENSIONS_MM, effect_shares
 
-    (folder / "effects.json").unlink(missing_ok=True)
-    if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
-        return []
-    with console.progress_bar("switch effects off"):
-        rows = effect_shares(rig)
-    console.write_json(rows, folder / "effects.json")
-    return rows
+    return effect_shares(rig) if set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm) else []
 
 
 def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path | None = None) -> "xr.Dataset":
@@ -181,13 +211,14 @@ def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path | None
     return results
 
 
-def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
+def _write_pages(
+    campaign: _Campaign, folder: Path, hand: "Hand", *, began: float, wall_s: float | None = None
+) -> dict[str, Any]:
     from sinew.paper.report import draw_figures, write_report
     from sinew.paper.summary import summarise
 
     with console.progress_bar("draw"):
-        workers = min(4, os.cpu_count() or 1)
-        figures = draw_figures(campaign.recording, campaign.results, folder / "figures", workers=workers)
+        figures = draw_figures(campaign.recording, campaign.results, folder / "figures", hand=hand)
         elapsed = wall_s if wall_s is not None else time.monotonic() - began
         summary = summarise(
             campaign.results, wall_s=elapsed, simulated_s=campaign.simulated_s, beyond=campaign.beyond, rig=campaign.rig
