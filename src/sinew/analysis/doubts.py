@@ -599,9 +599,12 @@ def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
 def _same_as_before(values: Array) -> Mask:
     """Return whether each sample equals the one before it on all axes, shape (n,); readings that were brought onto
     other times by interpolation are equal but for their last bits."""
-    tolerance = _SAME * np.abs(values).max(axis=0, initial=0.0)
     same = np.zeros(values.shape[0], dtype=bool)
-    same[1:] = (np.abs(np.diff(values, axis=0)) <= tolerance).all(axis=1)
+    near = np.arange(1, values.shape[0])
+    for column in values.T if near.size else ():  # few are left for the second
+        tolerance = _SAME * max(column.max(), -column.min())
+        near = near[np.abs(column[near] - column[near - 1]) <= tolerance]
+    same[near] = True
     return same
 
 

@@ -341,15 +341,18 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
     if not power.max() > _OUTSTANDING * float(np.median(power)):
         return None
     known = [course.poles(mode=m)[0] for m in range(len(course.model.bases))]
+    tried: list[complex] = []
     for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
         for pole, amplitude in poles[:2]:
             new = all(_is_new(pole, other, window, course.functions > 2) for other in known)
-            if not (new and _swings(pole, window)):
+            if not (new and _swings(pole, window) and all(_are_apart(pole, other, window) for other in tried)):
                 continue
             added = _extended(course, t, x, pole, amplitude)
             last = len(added.model.bases) - 1
             rate, omega = added.poles(mode=last)[0]
-            if not all(_is_new(complex(-rate, omega), other, window, course.functions > 2) for other in known):
+            found = complex(-rate, omega)
+            tried += [pole, found]
+            if not all(_is_new(found, other, window, course.functions > 2) for other in known):
                 continue
             large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
             if large and clearly_better(course, added, _MODE_BETTER) and _are_sure(added):

@@ -25,7 +25,7 @@ from sinew.measure.estimate import Estimate
 
 Poles = list[tuple[complex, complex]]
 
-_LONGEST = 300  # columns of the pencil: more tell little and cost their cube
+_SHORTEST, _LONGEST = 100, 300  # columns of the pencil, a quarter of the samples: more tell little, and cost their cube
 _EXTRA = (0, 2, 4, 8)  # poles beyond two a mode: rest, creep and noise take them
 _STRONG = 10.0  # fall of Bayes' criterion that lets one more mode in,
 _SURE = 4.0  # and its amplitude by its standard deviation
@@ -225,7 +225,7 @@ def split_poles(values: Array, step_s: float, orders: tuple[int, ...]) -> list[P
     shift between the dominant right singular vectors of the Hankel matrix of the samples.
     """
     n = values.size
-    columns = min(n // 2, _LONGEST)
+    columns = min(n // 2, max(n // 4, _SHORTEST), _LONGEST)
     hankel = np.lib.stride_tricks.sliding_window_view(values, columns + 1)
     kept = columns + 1 - min(max(orders), columns), columns
     whole = np.ascontiguousarray(hankel)

@@ -31,7 +31,7 @@ _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])
 _STEPS = 40
 _MISFIT = 5.0
-_FINE = 2001
+_FINE = 1001
 
 
 @dataclass(frozen=True)
