@@ -59,44 +59,48 @@ def reproduce(
     Writes recording.nc, results.nc, figures/, report.html and summary.json, and beyond.nc, the results of the sweep
     above the paper's range.
     """
+    from sinew.plan.toml import load_plan, load_rig
+
     began = time.monotonic()
+    if beyond is None and plan == "paper":
+        beyond = "beyond"
+    plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
+    console.require_folder(out)
+    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
+    rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with _processes() as hand:
-        summary = _reproduce(plan, rig, out, seed, beyond, began, hand)
+        campaign = _run_campaign(plans, rig_, seed, out, rebuild, hand)
+        summary = _write_pages(campaign, out, hand, began=began)
     _show(summary, out, json=json)
 
 
-def _reproduce(
-    plan: str, rig: str, out: Path, seed: int, beyond: str | None, began: float, hand: "Hand"
-) -> dict[str, Any]:
-    """Do it and return the summary. What does not wait for the campaign is handed to a process beside this one."""
+def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand") -> _Campaign:
+    """Return the campaign of the first plan, written to a folder; what does not wait for it is handed over.
+
+    plans: the second, if there is one, is the sweep beyond.
+    """
     hand(_load)
     from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan
     from sinew.twin.cache import use_all_cores
     from sinew.twin.simulate import simulate
 
     use_all_cores()
-    if beyond is None and plan == "paper":
-        beyond = "beyond"
-    plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
-    previews = [preview_plan(each, rig_) for each in plans]
+    previews = [preview_plan(each, rig) for each in plans]
     for preview in previews:
         refuse_beyond_limits(preview)
-    console.require_folder(out)
-    shares = hand(_effects, plans[0], rig_)
-    above = None if beyond is None else hand(_results, plans[1], rig_, seed)
-    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
-    rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
+    shares = hand(_effects, plans[0], rig)
+    above = [hand(_results, each, rig, seed) for each in plans[1:]]
     with console.progress_bar("simulate") as progress:
-        recording = simulate(plans[0], rig_, seed=seed, progress=progress).assign_attrs(command=rebuild)
+        recording = simulate(plans[0], rig, seed=seed, progress=progress).assign_attrs(command=rebuild)
+    for name in ("beyond.nc", "effects.json"):
+        (out / name).unlink(missing_ok=True)
     save_recording(recording, out / "recording.nc")
-    results = _analyse(recording, rig_, out)
-    (out / "beyond.nc").unlink(missing_ok=True)
-    (out / "effects.json").unlink(missing_ok=True)
+    results = _analyse(recording, rig, out)
     with console.progress_bar("simulate above the paper's range, and with effects off"):
-        further, effects = None if above is None else above(), shares()
+        further = next((results_of() for results_of in above), None)
+        effects = shares()
     if further is not None:
         save_dataset(further, out / "beyond.nc")
     if effects:
@@ -104,8 +108,7 @@ def _reproduce(
         results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
         save_dataset(results, out / "results.nc")
     simulated_s = sum(preview.duration_s for preview in previews)
-    campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
-    return _write_pages(campaign, out, hand, began=began)
+    return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild)
 
 
 def _processes() -> "AbstractContextManager[Hand]":
