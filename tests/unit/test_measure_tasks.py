@@ -178,7 +178,8 @@ def of_process() -> tuple[int, int]:
     return os.getpid(), cores()
 
 
-def lost_elsewhere(mine: int) -> int:
+def lost_elsewhere(mine: int, log: Path) -> int:
+    log.touch()
     if os.getpid() != mine:
         os.kill(os.getpid(), signal.SIGKILL)
     return mine
@@ -217,11 +218,11 @@ def pausing(seconds: float, log: Path) -> int:
 
 def test_what_no_process_has_begun_is_done_here_when_it_is_asked_for(log: Path) -> None:
     with beside(1) as hand:
-        later = [hand(pausing, 0.05, log) for _ in range(30)]
+        begun, *waiting = (hand(pausing, seconds, log) for seconds in (2.0, 0.0, 0.0, 0.0))
         wait_for(log)
-        done = [fetched() for fetched in reversed(later)]
-    assert done[0] == os.getpid() != done[-1]
-    assert len(computed(log)) == 30, "none is done twice"
+        assert [fetched() for fetched in waiting] == [os.getpid()] * 3
+        assert begun() != os.getpid()
+    assert computed(log) == [2.0, 0.0, 0.0, 0.0], "none is done twice"
 
 
 def ask_for_much_and_break_off(log: Path) -> None:
@@ -237,6 +238,8 @@ def test_calls_that_wait_are_not_begun_after_an_error(log: Path) -> None:
     assert not log.exists() or len(computed(log)) < 5
 
 
-def test_what_a_process_took_with_it_is_made_here() -> None:
+def test_what_a_process_took_with_it_is_made_here(log: Path) -> None:
     with beside(1) as hand:
-        assert hand(lost_elsewhere, os.getpid())() == os.getpid()
+        fetched = hand(lost_elsewhere, os.getpid(), log)
+        wait_for(log)
+        assert fetched() == os.getpid()

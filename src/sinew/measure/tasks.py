@@ -25,8 +25,10 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from inspect import getsourcefile
+from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
@@ -211,7 +213,7 @@ def beside(processes: int) -> Iterator[Hand]:
     """Give what hands calls to further processes while this one goes on.
 
     processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result, once. A call that
-    no process has come to by then, or that one took with it when it ended, is made here. The processes are spawned: a
+    no process has begun by then, or that one took with it when it ended, is made here. The processes are spawned: a
     script needs the usual `if __name__ == "__main__":`. Calls that nobody fetched before an error are not begun.
 
     >>> with beside(0) as hand:
@@ -222,24 +224,40 @@ def beside(processes: int) -> Iterator[Hand]:
     if processes < 1:
         yield partial
         return
-    pool = _pool_of(processes)
+    pool, numbers = _pool_of(processes), count()
+    with TemporaryDirectory(prefix="sinew-") as claims:
 
-    def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-        with _share_of(processes + 1):
-            future = pool.submit(_interruptible, function, *arguments)
+        def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+            claim = Path(claims, str(next(numbers)))
+            with _share_of(processes + 1):
+                future = pool.submit(_unless_claimed, claim, function, *arguments)
 
-        def fetched() -> Any:
-            if not future.cancel():
-                with suppress(BrokenProcessPool):
-                    return future.result()
-            return function(*arguments)
+            def fetched() -> Any:
+                if not _claimed_here(claim):
+                    with suppress(BrokenProcessPool):
+                        return future.result()
+                return function(*arguments)
 
-        return fetched
+            return fetched
 
+        try:
+            yield hand
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _claimed_here(claim: Path) -> bool:
+    """Return whether a call is this process's to make: of all that ask, the first."""
     try:
-        yield hand
-    finally:
-        pool.shutdown(cancel_futures=True)
+        claim.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+def _unless_claimed(claim: Path, function: Callable[..., R], *arguments: Any) -> R | None:
+    """Make a call in a process of a pool, unless who handed it over makes it."""
+    return _interruptible(function, *arguments) if _claimed_here(claim) else None
 
 
 def _pool_of(processes: int) -> ProcessPoolExecutor:
