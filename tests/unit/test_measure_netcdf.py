@@ -1,7 +1,12 @@
 """NetCDF files: whole or not at all, checked on the way in and out."""
 
+import faulthandler
 import os
+import random
+import signal
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import netCDF4
@@ -24,13 +29,13 @@ from sinew.measure.recording import Segment, build_recording
 
 
 def recording_of(samples: int, segments: int = 2) -> xr.Dataset:
-    random = np.random.default_rng(samples)
+    noise = np.random.default_rng(samples)
     return build_recording(
         {
             "time_s": np.arange(samples) / 200,
-            "drive_rad": random.normal(size=samples),
-            "gyro_rad_s": random.normal(size=(samples, 3)),
-            "tendon_rad": random.normal(size=(samples, 4)).astype(np.float32),
+            "drive_rad": noise.normal(size=samples),
+            "gyro_rad_s": noise.normal(size=(samples, 3)),
+            "tendon_rad": noise.normal(size=(samples, 4)).astype(np.float32),
         },
         [Segment("steady", 1.0, 3.0, 20.0, i) for i in range(segments - 1)] + [Segment("idle", 1.0, np.nan, np.nan, 0)],
         [samples // segments] * (segments - 1) + [samples - samples // segments * (segments - 1)],
@@ -202,6 +207,37 @@ def test_a_write_that_is_interrupted_leaves_no_temporary_file(tmp_path: Path) ->
     with pytest.raises(KeyboardInterrupt):
         write_atomically(tmp_path / "x.nc", write)
     assert list(tmp_path.iterdir()) == []
+
+
+def interrupted_at_random(path: Path, times: int, seed: int) -> None:
+    """Write and read a file, broken off at random; prints how often, and ends the process where it stands still."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    faulthandler.dump_traceback_later(40, exit=True)
+    signal.signal(signal.SIGALRM, interrupt)
+    draw, broken_off = random.Random(seed), 0
+    data = xr.Dataset({"x": (("n", "k"), np.arange(400_000.0).reshape(-1, 4))})
+    save_dataset(data, path)
+    for _ in range(times):
+        try:
+            signal.setitimer(signal.ITIMER_REAL, draw.uniform(0.001, 0.04))
+            save_dataset(data, path)
+            load_dataset(path)
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        except KeyboardInterrupt:
+            broken_off += 1
+    assert load_dataset(path).equals(data)
+    print(broken_off)
+
+
+def test_an_interrupt_at_any_time_ends_the_writing_and_the_reading(tmp_path: Path) -> None:
+    call = f"interrupted_at_random({str(tmp_path / 'x.nc')!r}, 60, 1)"
+    code = f"from tests.unit.test_measure_netcdf import interrupted_at_random; {call}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 20
 
 
 def test_a_written_file_has_the_usual_permissions(saved: Path, tmp_path: Path) -> None:

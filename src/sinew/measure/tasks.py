@@ -25,7 +25,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from inspect import getsourcefile
-from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -224,11 +223,12 @@ def beside(processes: int) -> Iterator[Hand]:
     if processes < 1:
         yield partial
         return
-    pool, numbers = _pool_of(processes), count()
-    with TemporaryDirectory(prefix="sinew-") as claims:
+    pool = _pool_of(processes)
+    claims: list[Path] = []
+    with TemporaryDirectory(prefix="sinew-") as folder:
 
         def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
-            claim = Path(claims, str(next(numbers)))
+            claims.append(claim := Path(folder, str(len(claims))))
             with _share_of(processes + 1):
                 future = pool.submit(_unless_claimed, claim, function, *arguments)
 
@@ -243,6 +243,8 @@ def beside(processes: int) -> Iterator[Hand]:
         try:
             yield hand
         finally:
+            for claim in claims:
+                _claimed_here(claim)
             pool.shutdown(cancel_futures=True)
 
 

@@ -82,11 +82,12 @@ def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
     def write(temporary: Path) -> None:
         import netCDF4
 
-        with ThreadPoolExecutor(1) as beside:  # the hash is computed while values are deflated
-            found = beside.submit(content_hash, dataset)
-            dataset.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
+        with ThreadPoolExecutor(1) as out_of_reach:  # of an interrupt, see `_read_whole`
+            written = out_of_reach.submit(dataset.to_netcdf, temporary, engine="netcdf4", encoding=encoding)
+            found = content_hash(dataset)  # while values are deflated
+            written.result()
         with netCDF4.Dataset(temporary, "a") as file:
-            file.setncattr("content_hash", found.result())
+            file.setncattr("content_hash", found)
 
     write_atomically(path, write)
 
@@ -186,8 +187,8 @@ def load_dataset(path: Path | str) -> xr.Dataset:
                 f"{path} unpacks to {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB in the memory that there "
                 "is; cut it, or read it on a computer with more"
             )
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
-            dataset = opened.load()
+        with ThreadPoolExecutor(1) as out_of_reach:
+            dataset = out_of_reach.submit(_read_whole, path).result()
     for name in dataset.variables:
         dataset[name].encoding = {}
     dataset.encoding = {}
@@ -195,6 +196,13 @@ def load_dataset(path: Path | str) -> xr.Dataset:
     if claimed is not None and claimed != content_hash(dataset):
         raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
     return upgrade_results(dataset)
+
+
+def _read_whole(path: Path) -> xr.Dataset:
+    """Return the dataset of a file, in a thread that no interrupt reaches: one that comes as xarray gives a lock back
+    leaves that taken, and to close the file then waits for it forever."""
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
+        return opened.load()
 
 
 def load_part(path: Path | str, names: Collection[str]) -> xr.Dataset:
