@@ -2,8 +2,10 @@
 
 import asyncio
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from benchmarks.serve import _calls
@@ -35,6 +37,21 @@ def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
     made = Worker()
     yield made
     made.close()
+
+
+@pytest.fixture
+def sized(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Worker]]:
+    """Gives a worker whose quick pool is of another size."""
+    made: list[Worker] = []
+
+    def of(**size: Any) -> Worker:
+        monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(**size)})
+        made.append(Worker())
+        return made[-1]
+
+    yield of
+    for one in made:
+        one.close()
 
 
 def test_what_is_called_runs_in_another_process(worker: Worker) -> None:
@@ -112,29 +129,28 @@ def test_what_takes_too_long_is_ended_and_does_not_stand_in_the_way(worker: Work
     assert asyncio.run(patient()) != 0
 
 
-def test_a_process_that_nobody_asks_ends_and_the_next_call_has_another(
-    worker: Worker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(idle_s=0.05)})
+def test_a_process_that_nobody_asks_ends_and_the_next_call_has_another(sized: Callable[..., Worker]) -> None:
+    impatient = sized(idle_s=0.05)
 
     async def pause() -> tuple[int, int]:
-        before = int(await worker.call("process"))
+        before = int(await impatient.call("process"))
+        begun = time.monotonic()
         while not is_gone(before):
             await asyncio.sleep(0.01)
-        return before, int(await worker.call("process"))
+        assert time.monotonic() - begun < POOLS["quick"].idle_s
+        return before, int(await impatient.call("process"))
 
     before, after = asyncio.run(pause())
     assert before != after
 
 
 def test_a_process_under_way_outlasts_the_time_after_which_an_idle_one_ends(
-    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    sized: Callable[..., Worker], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(idle_s=0.01)})
-    go = Path(f"{tmp_path / 'notes'}.go")
+    impatient, go = sized(idle_s=0.01), Path(f"{tmp_path / 'notes'}.go")
 
     async def work() -> object:
-        task = asyncio.create_task(worker.call("note", str(tmp_path / "notes"), "0"))
+        task = asyncio.create_task(impatient.call("note", str(tmp_path / "notes"), "0"))
         while not (tmp_path / "notes").exists():
             await asyncio.sleep(0.05)  # several times as long as an idle one may stay
         go.touch()
@@ -144,10 +160,9 @@ def test_a_process_under_way_outlasts_the_time_after_which_an_idle_one_ends(
 
 
 def test_in_a_pool_of_two_processes_a_call_does_not_wait_behind_another(
-    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    sized: Callable[..., Worker], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(worker_module, "POOLS", {"quick": POOLS["quick"]._replace(processes=2)})
-    notes, pair = tmp_path / "notes", Worker()
+    notes, pair = tmp_path / "notes", sized(processes=2)
 
     async def both() -> object:
         first = asyncio.create_task(pair.call("note", str(notes), "0"))
@@ -155,17 +170,11 @@ def test_in_a_pool_of_two_processes_a_call_does_not_wait_behind_another(
         Path(f"{notes}.go").touch()
         return await first
 
-    try:
-        assert asyncio.run(both()) == "0"
-    finally:
-        pair.close()
+    assert asyncio.run(both()) == "0"
 
 
-def test_a_call_that_nobody_waits_for_any_more_is_cut_off(
-    worker: Worker, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(worker_module, "POOLS", {**POOLS, "quick": POOLS["quick"]._replace(is_cut=True)})
-    pages, notes = Worker(), tmp_path / "notes"
+def test_a_call_that_nobody_waits_for_any_more_is_cut_off(sized: Callable[..., Worker], tmp_path: Path) -> None:
+    pages, notes = sized(is_cut=True), tmp_path / "notes"
 
     async def leave() -> bool:
         before, left = int(await pages.call("process")), asyncio.Event()
@@ -177,10 +186,7 @@ def test_a_call_that_nobody_waits_for_any_more_is_cut_off(
             await asked
         return bool(await asyncio.to_thread(until, lambda: is_gone(before)))
 
-    try:
-        assert asyncio.run(leave())
-    finally:
-        pages.close()
+    assert asyncio.run(leave())
 
 
 def test_the_preview_that_a_start_needs_waits_behind_nothing_that_takes_long() -> None:

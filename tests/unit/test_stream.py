@@ -56,7 +56,8 @@ def stream(tmp_path: Path) -> Iterator[RunStream]:
 
 @pytest.fixture
 def viewer(stream: RunStream) -> Iterator[Viewer]:
-    with connect(stream.url, subprotocols=["foxglove.sdk.v1"]) as socket:  # type: ignore[list-item]
+    # a queue without end: where it is full, nobody reads that the server closes, for ten seconds
+    with connect(stream.url, subprotocols=["foxglove.sdk.v1"], max_queue=None) as socket:  # type: ignore[list-item]
         yield Viewer(socket)
 
 
