@@ -5,6 +5,8 @@ import pickle
 import re
 import signal
 import sqlite3
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -207,6 +209,7 @@ def wait_for(log: Path) -> None:
         if log.exists():
             return
         time.sleep(0.1)
+    raise AssertionError("no process has begun in a minute")
 
 
 def pausing(seconds: float, log: Path) -> int:
@@ -244,3 +247,39 @@ def test_what_a_process_took_with_it_is_made_here(log: Path) -> None:
         fetched = hand(lost_elsewhere, os.getpid(), log)
         wait_for(log)
         assert fetched() == os.getpid()
+        assert hand(divmod, 7, 2)() == (3, 1), "what is handed over later is made here, too"
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+from pathlib import Path
+from sinew.measure.tasks import beside
+from tests.unit.test_measure_tasks import pausing, wait_for
+
+if __name__ == "__main__":
+    log = Path(sys.argv[1])
+    with beside(1) as hand:
+        later = [hand(pausing, 20.0, log), hand(pausing, 10.0, log)]
+        wait_for(log)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as one that is deep in a program of XLA
+        os.killpg(0, signal.SIGINT)
+        time.sleep(1.0)
+        raise KeyboardInterrupt
+"""
+
+
+def test_after_an_interrupt_no_process_begins_what_waits(log: Path, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script), str(log)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(Path.cwd())},
+    )
+    assert done.returncode == -signal.SIGINT, done.stderr
+    assert computed(log) == [20.0]
+    assert "pausing" not in done.stderr, "a process of the pool has nothing to say"

@@ -9,6 +9,7 @@ from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_rig
+from sinew.twin import sensors
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import foresee, rest_tension, simulate
 
@@ -76,6 +77,15 @@ def test_drive_stops_at_its_zero_crossing_for_a_ring_down(recording: xr.Dataset)
     assert np.abs(after).max() == 0.0
     # the last command before the stop is at most one sample's travel from zero
     assert abs(before[-1]) <= np.radians(20) * 2 * np.pi * 3.0 / 200
+
+
+def test_readings_do_not_depend_on_how_many_samples_are_read_together(
+    rig: RigSpec, recording: xr.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sensors, "_BLOCK", 97)
+    again = simulate(PLAN, rig, seed=recording.attrs["seed"])
+    assert again.sizes["sample"] > 10 * 97
+    xr.testing.assert_equal(again, recording)
 
 
 def test_stamps_jitter_and_keep_their_order(rig: RigSpec, recording: xr.Dataset) -> None:

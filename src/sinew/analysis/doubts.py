@@ -602,7 +602,7 @@ def _same_as_before(values: Array) -> Mask:
     same = np.zeros(values.shape[0], dtype=bool)
     near = np.arange(1, values.shape[0])
     for column in values.T if near.size else ():  # few are left for the second
-        tolerance = _SAME * max(column.max(), -column.min())
+        tolerance = _SAME * max(abs(float(column.max())), abs(float(column.min())))
         near = near[np.abs(column[near] - column[near - 1]) <= tolerance]
     same[near] = True
     return same

@@ -28,6 +28,7 @@ from inspect import getsourcefile
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Event
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
@@ -211,9 +212,10 @@ Hand = Callable[..., Callable[[], Any]]
 def beside(processes: int) -> Iterator[Hand]:
     """Give what hands calls to further processes while this one goes on.
 
-    processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result, once. A call that
-    no process has begun by then, or that one took with it when it ended, is made here. The processes are spawned: a
-    script needs the usual `if __name__ == "__main__":`. Calls that nobody fetched before an error are not begun.
+    processes: 0 leaves all to this one. `hand(function, *arguments)` returns what fetches the result, for one time. A
+    call that no process has begun by then, or that one took with it when it ended, is made here. The processes are
+    spawned: a script needs the usual `if __name__ == "__main__":`. Calls that nobody fetched before an error are not
+    begun.
 
     >>> with beside(0) as hand:
     ...     later = hand(divmod, 7, 2)
@@ -229,8 +231,11 @@ def beside(processes: int) -> Iterator[Hand]:
 
         def hand(function: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
             claims.append(claim := Path(folder, str(len(claims))))
-            with _share_of(processes + 1):
-                future = pool.submit(_unless_claimed, claim, function, *arguments)
+            try:
+                with _share_of(processes + 1):
+                    future = pool.submit(_unless_claimed, claim, function, *arguments)
+            except BrokenProcessPool:  # a process has ended, perhaps for want of memory: this one goes on alone
+                return partial(function, *arguments)
 
             def fetched() -> Any:
                 if not _claimed_here(claim):
@@ -259,26 +264,40 @@ def _claimed_here(claim: Path) -> bool:
 
 def _unless_claimed(claim: Path, function: Callable[..., R], *arguments: Any) -> R | None:
     """Make a call in a process of a pool, unless who handed it over makes it."""
-    return _interruptible(function, *arguments) if _claimed_here(claim) else None
+    if _interrupted.is_set() or not _claimed_here(claim):
+        return None
+    return _interruptible(function, *arguments)
 
 
 def _pool_of(processes: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(processes, get_context("spawn"), _begin_process)
 
 
+_interrupted, _at_work = Event(), Event()
+"""Of a process of a pool: whether an interrupt reached it, and whether it makes a call."""
+
+
 def _begin_process() -> None:
-    """Set up a process of a pool, which leaves an interrupt to whoever asked for it, see `_interruptible`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Set up a process of a pool, which leaves the word on an interrupt to whoever asked for it."""
+
+    def interrupt(*_: object) -> None:
+        _interrupted.set()
+        if _at_work.is_set():
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     atexit.register(gc.freeze)  # to look for what to collect at the end takes half a second where JAX is loaded
 
 
 def _interruptible(function: Callable[..., R], *arguments: Any) -> R:
-    """Make a call in a process of a pool, which an interrupt breaks off; one that waits for a call hears of none."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Make a call in a process of a pool. An interrupt breaks it off, and after one no call is begun."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
+    _at_work.set()
     try:
         return function(*arguments)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _at_work.clear()
 
 
 def _share_of(workers: int) -> AbstractContextManager[None]:

@@ -405,7 +405,7 @@ def draw_figures(
 
     formats: file endings that matplotlib knows.
     hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
-        while the next are drawn, this one with the last. It is here that figures are drawn.
+        while this one draws the next, this one with the last.
     Raises FileError where the folder cannot be written.
     """
     later = [hand(save_figure, figure, folder, name, formats) for name, figure in build_figures(recording, results)]

@@ -143,7 +143,7 @@ def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects
 _BLOCK = 1 << 15
 """Samples that are read together: what they need stays in the processor's cache."""
 
-_HELD = ("stiffness", "held_tension", "mode")
+_OF_TENSION = ("stiffness", "held_tension", "mode")
 """Parameters that a tendon's tension depends on."""
 
 
@@ -157,7 +157,7 @@ def _tensions(stretch: Array, p: Parameters, group: NDArray[np.intp]) -> Array:
 
     In blocks of one size, so that it is compiled once.
     """
-    held = {name: np.asarray(getattr(p, name)) for name in _HELD}
+    held = {name: np.asarray(getattr(p, name)) for name in _OF_TENSION}
     one = jax.tree.map(lambda leaf: np.asarray(leaf)[0], p)  # of whatever else a group has, nothing is asked
     tension = np.empty(stretch.shape)
     for begin in range(0, len(group), _BLOCK):
@@ -218,7 +218,7 @@ def _read_motors(
         of = group[here]
         driven: dict[str, Any] = {name: np.asarray(getattr(p, name))[of] for name in _DRIVEN}
         each = p._replace(**driven)
-        own_time = (np.arange(size)[here] - starts[of]) / sample_hz
+        own_time = (np.arange(begin, begin + of.size) - starts[of]) / sample_hz
         sine = np.asarray(each.amplitude * np.sin(each.omega * own_time))
         put("drive_command_rad", here, np.where(own_time < each.stop_s, sine, 0.0))
         duty: Any = moved.duty[here]

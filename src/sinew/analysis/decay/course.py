@@ -351,7 +351,7 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
             last = len(added.model.bases) - 1
             rate, omega = added.poles(mode=last)[0]
             found = complex(-rate, omega)
-            tried += [pole, found]
+            tried += [pole, found] if _swings(found, window) else [pole]
             if not all(_is_new(found, other, window, course.functions > 2) for other in known):
                 continue
             large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
