@@ -8,7 +8,7 @@ import numpy as np
 
 from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
 from sinew.analysis.decay.modes import Poles, split_poles
-from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, sandwich, unit_columns
+from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, orthonormal, sandwich, unit_columns
 from sinew.analysis.signal.nonlinear import least_squares
 from sinew.measure.arrays import Array, Complexes
 
@@ -16,9 +16,11 @@ _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may t
 _CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
 _BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
 _MODE_BETTER = 20.0  # and a further mode
+_PROMISED = 0.8  # of what lets functions in: a fit of which one linear step promises less is not made
 _RESOLVED = 1.0  # sums of their decay rates between two modes that are told apart
 _NEAR = 0.25  # relative distance of modes whose beat a smooth course might imitate
-_HARMONIC = 0.04  # relative distance from a multiple of the first mode that is its own waveform
+_MULTIPLES = (2, 3, 4, 5)  # of the first mode's frequency that its own waveform holds,
+_HARMONIC = 0.04  # within this relative distance
 _SURE = 4.0  # amplitude of a further mode by its standard deviation,
 _SMALLEST = 0.02  # and by the first one's,
 _OF_SMALLEST = 0.2  # of which the residual holds so much at least
@@ -169,11 +171,33 @@ def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> Course:
 def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: list[Array]) -> Course:
     """Return the least-squares fit from the start that leaves least."""
     y = x / scale
-    placed = [with_rest(model, start, y) for start in starts]
-    start = min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
-
-    found = least_squares(model.linearise, y, start)
+    found = least_squares(model.linearise, y, _nearest(model, y, starts))
     return Course(model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale)
+
+
+def _nearest(model: FreeOscillation, y: Array, starts: list[Array]) -> Array:
+    """Return the start that leaves least, its rest position fitted."""
+    placed = [with_rest(model, start, y) for start in starts]
+    return min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
+
+
+def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, starts: list[Array]) -> Course | None:
+    """Return the fit of a richer model where it is clearly better than a course of the same samples, else None.
+
+    Where one linear step from the start promises less than half of the gain that takes, it is not made.
+    """
+    y = x / plain.scale
+    start = _nearest(model, y, starts)
+    values, slope = model.linearise(start)
+    jacobian = unit_columns(slope())[0]
+    basis = orthonormal(jacobian)
+    left = (y - values) - basis @ (basis.T @ (y - values))
+    gain = math.log(max(plain.left_over, 1e-300) / max(float(left @ left) * plain.scale**2, 1e-300))
+    enough = _PROMISED * (_BETTER + 2.0 * (model.width - plain.parameters.size))
+    if y.size * gain < enough or independent(noise_spectrum(left, jacobian), y.size) * gain < enough:
+        return None
+    rich = _solved(model, t, x, plain.scale, [start])
+    return rich if clearly_better(plain, rich, _BETTER) else None
 
 
 def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
@@ -234,32 +258,29 @@ def smooth_course(
 
     basis = cache(lambda count: smooth_functions(s, count))
 
-    def fitted(count: int, harmonics: bool, before: Course | None) -> Course:
+    def modelled(count: int, harmonics: bool, seed: Complexes) -> tuple[FreeOscillation, list[Array]]:
         model = FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
-        evenly = _functions(0.0, 1.0, _SEEDS, count)
-        starts = [
-            _started(model, smooth_functions(places, count), log + 1j * phase),
-            _started(model, evenly, _seed_of(before) if before else _seed_of_fit(fit, scale)),
-        ]
-        if before and harmonics == before.model.harmonics and harmonics:
-            starts[1][model.rest_start - 5 : model.rest_start] = before.parameters[
-                before.model.rest_start - 5 : before.model.rest_start
-            ]
-        return _solved(model, t, x, scale, starts)
+        through = (smooth_functions(places, count), log + 1j * phase), (_functions(0.0, 1.0, _SEEDS, count), seed)
+        return model, [_started(model, *one) for one in through]
 
-    best = fitted(3, False, None)
+    def grown(before: Course, count: int, harmonics: bool) -> Course | None:
+        model, starts = modelled(count, harmonics, _seed_of(before))
+        if harmonics and before.model.harmonics:
+            overtones = before.parameters[before.model.rest_start - 5 : before.model.rest_start]
+            starts[1][model.rest_start - 5 : model.rest_start] = overtones
+        return _bettered(before, model, t, x, starts)
+
+    model, starts = modelled(3, False, _seed_of_fit(fit, scale))
+    best = _solved(model, t, x, scale, starts)
     waited = 0
     for count in _COUNTS[1:]:
         if count > most or 4 * (2 * count + 9) > t.size or waited > 1:
             break
-        more = fitted(count, best.model.harmonics, best)
-        waited += 1
-        if clearly_better(best, more, _BETTER):
-            best, waited = more, 0
+        more = grown(best, count, best.model.harmonics)
+        best, waited = (best, waited + 1) if more is None else (more, 0)
         if not best.model.harmonics and (count == _COUNTS[1] or not waited):
-            waved = fitted(best.functions, True, best)
-            if clearly_better(best, waved, _BETTER):
-                best, waited = waved, 0
+            waved = grown(best, best.functions, True)
+            best, waited = (best, waited) if waved is None else (waved, 0)
     return best
 
 
@@ -336,7 +357,10 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
     window, n, largest = float(t[-1] - t[0]), t.size, math.sqrt(course.energy(0))
     if n < 3 * (course.parameters.size + 4) or float(np.std(course.residual)) < _OF_SMALLEST * _SMALLEST * largest:
         return None
-    residual = np.interp(np.linspace(t[0], t[-1], n), t, course.residual)[:_PENCIL_SAMPLES]
+    left = _without_overtones(course)
+    if float(np.std(left)) < _OF_SMALLEST * _SMALLEST * largest:
+        return None
+    residual = np.interp(np.linspace(t[0], t[-1], n), t, left)[:_PENCIL_SAMPLES]
     power = np.abs(np.fft.rfft(residual)) ** 2
     if not power.max() > _OUTSTANDING * float(np.median(power)):
         return None
@@ -358,6 +382,15 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
             if large and clearly_better(course, added, _MODE_BETTER) and _are_sure(added):
                 return added
     return None
+
+
+def _without_overtones(course: Course) -> Array:
+    """Return what of the residual, shape (n,), is no multiple of the first mode's phase that shrinks as it does."""
+    exponent = course.model.exponent(course.parameters)
+    waves = [np.exp(exponent.real + 1j * multiple * exponent.imag) for multiple in _MULTIPLES]
+    columns = np.stack([part for wave in waves for part in (wave.real, wave.imag)], axis=1)
+    basis = orthonormal(unit_columns(np.concatenate([course.jacobian, columns], axis=1))[0])
+    return np.asarray(course.residual - basis @ (basis.T @ course.residual))
 
 
 def _extended(course: Course, t: Array, x: Array, pole: complex, amplitude: complex) -> Course:
@@ -391,7 +424,7 @@ def _is_new(pole: complex, other: Array, window: float, smooth: bool) -> bool:
     if not (pole.imag > 0 and omega > 0):
         return False
     near = smooth and abs(math.log(pole.imag / omega)) < _NEAR  # what is left of a course may be its own
-    own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in (2, 3, 4, 5))
+    own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in _MULTIPLES)
     return not near and not own and _are_apart(pole, complex(-rate, omega), window)
 
 

@@ -1,5 +1,6 @@
 """Nonlinear least squares with derivatives: MINPACK's Levenberg and Marquardt, for hundreds of small fits."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,27 +39,26 @@ def least_squares(
     The columns are scaled by their derivatives, as by `scipy.optimize.least_squares` with x_scale="jac", which gives
     the same numbers; its bookkeeping takes longer than a fit of some hundred samples.
     """
-    here = start.copy()
-    values, slope = model(here)
+    here, (values, slope) = start.tobytes(), model(start)
     derivatives: Array | None = None
 
     def move(p: Array) -> None:
         nonlocal here, values, slope, derivatives
-        if not np.array_equal(p, here):
-            here, derivatives = p.copy(), None  # MINPACK goes on to write into its own
-            values, slope = model(here)
+        if (there := p.tobytes()) != here:
+            here, derivatives = there, None
+            values, slope = model(p.copy())  # MINPACK goes on to write into its own
 
     def deviation(p: Array) -> Array:
         move(p)
         off = values - data
-        return off if np.isfinite(off).all() else np.nan_to_num(off, nan=_AMISS, posinf=_AMISS, neginf=-_AMISS)
+        return off if math.isfinite(off @ off) else np.nan_to_num(off, nan=_AMISS, posinf=_AMISS, neginf=-_AMISS)
 
     def jacobian(p: Array) -> Array:
         nonlocal derivatives
         move(p)
         if derivatives is None:
             derivatives = slope().T
-            if not np.isfinite(derivatives).all():
+            if not math.isfinite(derivatives.sum()):
                 derivatives = np.nan_to_num(derivatives, nan=0.0, posinf=0.0, neginf=0.0)
         return derivatives
 
