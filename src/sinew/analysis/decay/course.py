@@ -6,7 +6,15 @@ from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
-from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
+from sinew.analysis.decay.decay_fit import (
+    DecayFit,
+    FreeOscillation,
+    polynomials,
+    smooth_functions,
+    smooth_slopes,
+    with_rest,
+)
+from sinew.analysis.decay.free_decay import block_means
 from sinew.analysis.decay.modes import Poles, split_poles
 from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, orthonormal, sandwich, unit_columns
 from sinew.analysis.signal.nonlinear import least_squares
@@ -15,6 +23,7 @@ from sinew.measure.arrays import Array, Complexes
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
 _CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
 _BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
+_PLAIN_GAIN = 10.0  # times that, if every sample were independent: then a step need not tell its noise
 _MODE_BETTER = 20.0  # and a further mode
 _PROMISED = 0.8  # of what lets functions in: a fit of which one linear step promises less is not made
 _RESOLVED = 1.0  # sums of their decay rates between two modes that are told apart
@@ -26,8 +35,9 @@ _SMALLEST = 0.02  # and by the first one's,
 _OF_SMALLEST = 0.2  # of which the residual holds so much at least
 _MOST_MODES = 4
 _PENCIL_SAMPLES = 6000
+_SPARSER = 2.0  # times fewer samples than a fit's show the poles of two modes near one another
 _OUTSTANDING = 20.0  # power of a residual's line over the median
-_GRID = 2001
+_GRID = 401  # odd, for Simpson's rule
 _SEEDS = 400
 _GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
 _LOUDER, _FEWEST_LINES = 2.5, 4.0
@@ -107,12 +117,14 @@ class Course:
         """
         place, window = self.model.mode(mode), self.stop_s - self.start_s
         c = self.parameters[place]
-        functions, slopes = _functions(low, high, _GRID, c.size // 2), _slopes(low, high, c.size // 2)
+        grid = np.linspace(low, high, _GRID)
+        functions, slopes = smooth_functions(grid, c.size // 2), smooth_slopes(grid, c.size // 2)
         size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
         third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
         half_swing, by_log = size * (1.0 + third * size**2), size * (1.0 + 3.0 * third * size**2)
         omega = slopes @ c[1::2]
-        weight = np.full(_GRID, (high - low) / (_GRID - 1))
+        weight = np.full(_GRID, 2.0 / 3.0 * (high - low) / (_GRID - 1))
+        weight[1::2] *= 2.0
         weight[[0, -1]] *= 0.5
         area = float(weight @ half_swing)
         means = np.array([float(half_swing[0] - half_swing[-1]), float(weight @ (half_swing * omega))]) / area
@@ -130,16 +142,9 @@ class Course:
 
 
 @lru_cache(maxsize=32)
-def _functions(low: float, high: float, steps: int, count: int) -> Array:
-    """Return `count` smooth functions at even steps of time between two of it, shape (steps, count)."""
-    return smooth_functions(np.linspace(low, high, steps), count)
-
-
-@lru_cache(maxsize=16)
-def _slopes(low: float, high: float, count: int) -> Array:
-    """Return the slopes of the same by time on the grid of means, shape (n, count)."""
-    s = np.linspace(low, high, _GRID)
-    return np.asarray(np.gradient(_functions(low, high, _GRID, count), s, axis=0, edge_order=2))
+def _evenly(count: int) -> Array:
+    """Return `count` smooth functions at even steps of time, shape (steps, count), to carry a course to others."""
+    return smooth_functions(np.linspace(0.0, 1.0, _SEEDS), count)
 
 
 def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> Course:
@@ -165,13 +170,12 @@ def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> Course:
         start[model.mode(m)] = c
     if relaxing:
         start[-1] = math.log(0.3)
-    return _solved(model, t, x, scale, [start])
+    return _solved(model, t, x, scale, with_rest(model, start, x / scale))
 
 
-def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: list[Array]) -> Course:
-    """Return the least-squares fit from the start that leaves least."""
-    y = x / scale
-    found = least_squares(model.linearise, y, _nearest(model, y, starts))
+def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, start: Array) -> Course:
+    """Return the least-squares fit from a start."""
+    found = least_squares(model.linearise, x / scale, start)
     return Course(model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale)
 
 
@@ -194,9 +198,11 @@ def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, starts:
     left = (y - values) - basis @ (basis.T @ (y - values))
     gain = math.log(max(plain.left_over, 1e-300) / max(float(left @ left) * plain.scale**2, 1e-300))
     enough = _PROMISED * (_BETTER + 2.0 * (model.width - plain.parameters.size))
-    if y.size * gain < enough or independent(noise_spectrum(left, jacobian), y.size) * gain < enough:
+    if y.size * gain < enough:
         return None
-    rich = _solved(model, t, x, plain.scale, [start])
+    if y.size * gain < _PLAIN_GAIN * enough and independent(noise_spectrum(left, jacobian), y.size) * gain < enough:
+        return None
+    rich = _solved(model, t, x, plain.scale, start)
     return rich if clearly_better(plain, rich, _BETTER) else None
 
 
@@ -260,7 +266,7 @@ def smooth_course(
 
     def modelled(count: int, harmonics: bool, seed: Complexes) -> tuple[FreeOscillation, list[Array]]:
         model = FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
-        through = (smooth_functions(places, count), log + 1j * phase), (_functions(0.0, 1.0, _SEEDS, count), seed)
+        through = (smooth_functions(places, count), log + 1j * phase), (_evenly(count), seed)
         return model, [_started(model, *one) for one in through]
 
     def grown(before: Course, count: int, harmonics: bool) -> Course | None:
@@ -271,7 +277,7 @@ def smooth_course(
         return _bettered(before, model, t, x, starts)
 
     model, starts = modelled(3, False, _seed_of_fit(fit, scale))
-    best = _solved(model, t, x, scale, starts)
+    best = _solved(model, t, x, scale, _nearest(model, x / scale, starts))
     waited = 0
     for count in _COUNTS[1:]:
         if count > most or 4 * (2 * count + 9) > t.size or waited > 1:
@@ -286,7 +292,7 @@ def smooth_course(
 
 def _seed_of(course: Course) -> Complexes:
     c = course.parameters[course.model.mode(0)]
-    return np.asarray(_functions(0.0, 1.0, _SEEDS, c.size // 2) @ (c[0::2] + 1j * c[1::2]))
+    return np.asarray(_evenly(c.size // 2) @ (c[0::2] + 1j * c[1::2]))
 
 
 def _seed_of_fit(fit: DecayFit, scale: float) -> Complexes:
@@ -325,16 +331,17 @@ def close_modes(t: Array, x: Array, single: Course) -> Course | None:
     add up to, and beat once at least in the window: closer ones cannot be told from a bent course.
     """
     window = float(t[-1] - t[0])
-    even = np.linspace(t[0], t[-1], t.size)
-    values = np.interp(even, t, x)[:_PENCIL_SAMPLES]
     best: Course | None = None
-    for poles in split_poles(values - values.mean(), window / (t.size - 1), (4, 6, 8)):
+    even = np.linspace(t[0], t[-1], t.size)
+    half = math.pi / max(float(single.poles()[0][1]), 1e-300)
+    at, values = block_means(even, np.interp(even, t, x), _SPARSER * half)
+    for poles in split_poles(values[:_PENCIL_SAMPLES] - values.mean(), float(at[1] - at[0]), (4, 6, 8)):
         pair = poles[:2]
         if len(pair) < 2 or not _are_apart(pair[0][0], pair[1][0], window):
             continue
         if abs(math.log(pair[0][0].imag / pair[1][0].imag)) > _NEAR or not all(_swings(p, window) for p, _ in pair):
             continue
-        two = _of_modes(t, x, pair, single.model.relaxing)
+        two = _of_modes(t, x, [(p, a * np.exp(p * (t[0] - at[0]))) for p, a in pair], single.model.relaxing)
         if (best is None or two.left_over < best.left_over) and _are_sure(two):
             best = two
     return best if best is not None and clearly_better(single, best, _MODE_BETTER) else None
@@ -407,7 +414,7 @@ def _extended(course: Course, t: Array, x: Array, pole: complex, amplitude: comp
         ]
     )
     start = np.concatenate([course.parameters[:here], c, course.parameters[here:]])
-    return _solved(model, t, x, course.scale, [start])
+    return _solved(model, t, x, course.scale, with_rest(model, start, x / course.scale))
 
 
 def _swings(pole: complex, window: float) -> bool:

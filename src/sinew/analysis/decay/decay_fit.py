@@ -492,8 +492,12 @@ class FreeOscillation:
         first, count = self.rest_start, self.rest.shape[1]
         level = p[first : first + count] @ self._rows[-1]
         if self.relaxing:
-            level = level + p[-2] * np.exp(-self.s * self._relaxation_rate(p))
+            level = level + p[-2] * self.relaxation(p)
         return np.asarray(level, dtype=float)
+
+    def relaxation(self, p: Array) -> Array:
+        """Return the relaxation of the rest position for a size of one, shape (n,)."""
+        return np.asarray(np.exp(-self.s * self._relaxation_rate(p)))
 
     def values(self, p: Array) -> Array:
         """Return x at the samples, shape (n,)."""
@@ -533,9 +537,8 @@ class FreeOscillation:
         first, count = self.rest_start, self.rest.shape[1]
         out[first : first + count] = self._rows[-1]
         if self.relaxing:
-            rate = self._relaxation_rate(p)
-            fading = np.exp(-self.s * rate)
-            out[-2], out[-1] = fading, p[-2] * fading * self.s * rate
+            fading = self.relaxation(p)
+            out[-2], out[-1] = fading, p[-2] * fading * self.s * self._relaxation_rate(p)
         return out.T
 
     @staticmethod
@@ -555,11 +558,19 @@ def polynomials(s: Array, count: int) -> Array:
 
 def smooth_functions(s: Array, count: int) -> Array:
     """Return `count` B-splines at s, shape (n, count), the knots at even distances from 0 to 1; powers up to four."""
+    return polynomials(s, count) if count <= 4 else np.asarray(_splines(count)(np.clip(s, 0.0, 1.0)), dtype=float)
+
+
+def smooth_slopes(s: Array, count: int) -> Array:
+    """Return the derivatives of `smooth_functions` by s, from 0 to 1, shape (n, count)."""
     if count <= 4:
-        return polynomials(s, count)
+        return np.concatenate([np.zeros((s.size, 1)), polynomials(s, count - 1) * np.arange(1.0, count)], axis=1)
+    return np.asarray(_splines(count).derivative()(s), dtype=float)
+
+
+def _splines(count: int) -> "scipy.interpolate.BSpline":
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, count - 2), np.ones(3)])
-    inside = np.clip(s, 0.0, 1.0)
-    return np.asarray(scipy.interpolate.BSpline.design_matrix(inside, knots, 3).toarray(), dtype=float)
+    return scipy.interpolate.BSpline(knots, np.eye(count), 3)
 
 
 def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:
@@ -577,6 +588,6 @@ def with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
     p = np.array(start, dtype=float)
     linear = np.arange(model.rest_start, model.rest_start + model.rest.shape[1] + model.relaxing)
     p[linear] = 0.0
-    waves, slope = model.linearise(p)
-    p[linear] = np.linalg.lstsq(slope()[:, linear], values - waves, rcond=None)[0]
+    columns = [model.rest] + [model.relaxation(p)[:, None]] * model.relaxing
+    p[linear] = np.linalg.lstsq(np.concatenate(columns, axis=1), values - model.values(p), rcond=None)[0]
     return p

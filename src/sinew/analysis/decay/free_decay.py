@@ -1,5 +1,6 @@
 """The free decay in a record, found and fitted, whatever came before it; its peaks and the paper's envelope."""
 
+import math
 import statistics
 from dataclasses import dataclass
 
@@ -623,7 +624,9 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
     """
     t = time_s - time_s[0]
     span, scale = float(t[-1]), float(size[0])
-    slope = -float(np.polyfit(t / span, np.log(size), 1, w=size)[0])
+    weight = size**2 / float(size @ size)
+    centred = t / span - float(weight @ t) / span
+    slope = -float((weight * centred) @ np.log(size)) / float((weight * centred) @ centred)
 
     def exponential(p: Array) -> Linearised:
         fading = np.exp(-p[1] * t / span)
@@ -633,8 +636,8 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
     n = t.size
     if n > 2:
         variance = float(found.deviation @ found.deviation) / (n - 2)
-        gram = found.jacobian.T @ found.jacobian
-        rate_std = float(np.sqrt(variance * np.linalg.pinv(gram)[1, 1])) / span
+        (one, both), (_, other) = (found.jacobian.T @ found.jacobian).tolist()
+        rate_std = math.sqrt(variance * one / max(one * other - both**2, 1e-300)) / span
         order = np.arange(n) - 0.5 * (n - 1)
         step = float(order @ t) / float(order @ order)
         scatter = float(np.sum((t - t.mean() - step * order) ** 2)) / (n - 2)

@@ -637,8 +637,7 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     if p_value < SIGNIFICANCE and not sought.centred:
         times, heights = _heights(peaks, bent, False)
     moves = p_value < SIGNIFICANCE or fit.bending
-    plain = exponential_course(t, x, fit)
-    course, stop = plain, fit.stop_s
+    stop = fit.stop_s
     halves = smooth_course(t, x, bent, times, heights, functions=3) if p_value < _SUSPECT and not moves else None
     if moves:
         size = np.abs(peaks.value - (0.0 if sought.centred else bent.rest(peaks.time_s)))
@@ -650,6 +649,8 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
         course, stop = smooth_course(t, x, bent, times, heights), float(t[-1])
         two = close_modes(t, x, course)
         course = course if two is None else two
+    else:
+        course = exponential_course(t, x, fit)
     several = with_further_modes(t, x, course)
     if len(several.model.bases) > 1 and several.functions > 2:
         simple = with_further_modes(t, x, exponential_course(t, x, fit))
@@ -657,7 +658,7 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
             several = simple
     if len(several.model.bases) > 1 and several.functions == 2:
         p_value = 1.0
-    elif moves and _likelihood_ratio(plain, bent) > _PLAINLY_BENT:
+    elif moves and _likelihood_ratio(sought, bent) > _PLAINLY_BENT:
         p_value = 0.0  # the F test's covariance is of no use where the residual is mostly misfit
     alone = several.functions == 2 and len(several.model.bases) == 1 and not fit.bending
     if len(several.model.bases) > 1 or moves:
@@ -665,11 +666,12 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     return _Read(fit, bent, p_value, several, halves, alone, times, heights, peaks.value_std, stop)
 
 
-def _likelihood_ratio(plain: Course, bent: DecayFit) -> float:
-    """Return twice the logarithm of the likelihood ratio of a bent fit, in independent samples of its residual."""
-    effective = bent.degrees_of_freedom + bent.parameters.size
+def _likelihood_ratio(sought: _Sought, bent: DecayFit) -> float:
+    """Return twice the logarithm of the likelihood ratio of a bent fit to a plain one, in independent samples."""
+    fit, effective = sought.fit, bent.degrees_of_freedom + bent.parameters.size
+    before = exponential_course(sought.t, sought.x, fit).left_over if fit.bending else float(fit.residual @ fit.residual)
     after = float(bent.residual @ bent.residual)
-    return effective * math.log(plain.left_over / after) if after > 0 and plain.left_over > 0 else 0.0
+    return effective * math.log(before / after) if after > 0 and before > 0 else 0.0
 
 
 def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array, list[str]]:
