@@ -1,9 +1,14 @@
 """Time to make, save and analyse the paper's campaign, beside what one writes by hand.
 
+The analysis is timed as `sinew analyse` makes it: in a process of one thread that has simulated nothing, and shares the
+ring-downs with a copy of itself; beside it, as a notebook that holds JAX makes it, alone.
+
 Peers in the same run: xarray's own `to_netcdf` without checks or a whole-file replacement, and scipy's least
 squares of a sine of the commanded frequency on each steady segment, which says nothing of errors, damping or quality.
 """
 
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -14,8 +19,8 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import lstsq
 
-from sinew.analysis.analysed import analyse_recording
-from sinew.measure.files.netcdf import save_recording
+from sinew.analysis.analysed import analyse_recording, recording_rig
+from sinew.measure.files.netcdf import load_recording, save_recording
 from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.cache import configure
 from sinew.twin.simulate import simulate
@@ -38,6 +43,18 @@ def _by_hand(recording: xr.Dataset) -> None:
         lstsq(columns, recording["drive_rad"].values[part])
 
 
+def analysis(path: str | Path) -> float:
+    """Return how long the analysis of a recording takes, once it is loaded [s]."""
+    recording = load_recording(path)
+    rig = recording_rig(recording, None)
+    return min(_seconds(lambda: analyse_recording(recording, rig)) for _ in range(3))
+
+
+def _analysis_in_a_new_process(path: Path) -> float:
+    code = "import sys; from benchmarks.recording_speed import analysis; print(analysis(sys.argv[1]))"
+    return float(subprocess.run([sys.executable, "-c", code, path], check=True, capture_output=True, text=True).stdout)
+
+
 def main() -> None:
     """Print seconds of simulation, of saving and of analysis."""
     configure()
@@ -51,11 +68,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         ours = min(_seconds(lambda: save_recording(recording, Path(folder) / "ours.nc")) for _ in range(3))
         theirs = min(_seconds(lambda: recording.to_netcdf(Path(folder) / "theirs.nc")) for _ in range(3))
+        alone, command = analysis(Path(folder) / "ours.nc"), _analysis_in_a_new_process(Path(folder) / "ours.nc")
         sizes = [(Path(folder) / name).stat().st_size / 1e6 for name in ("ours.nc", "theirs.nc")]
     print(f"  save, checked, atomic   {ours:6.2f} s, {sizes[0]:.0f} MB; xarray alone {theirs:.2f} s, {sizes[1]:.0f} MB")
-    whole = min(_seconds(lambda: analyse_recording(recording, rig)) for _ in range(3))
     hand = _seconds(lambda: _by_hand(recording))
-    print(f"  analyse all of it       {whole:6.2f} s; two sines per segment by scipy {hand:.2f} s")
+    print(
+        f"  analyse all of it       {command:6.2f} s; alone {alone:.2f} s; two sines per segment by scipy {hand:.2f} s"
+    )
 
 
 if __name__ == "__main__":

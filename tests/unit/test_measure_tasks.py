@@ -283,3 +283,84 @@ def test_after_an_interrupt_no_process_begins_what_waits(log: Path, tmp_path: Pa
     assert done.returncode == -signal.SIGINT, done.stderr
     assert computed(log) == [20.0]
     assert "pausing" not in done.stderr, "a process of the pool has nothing to say"
+
+
+def alone(code: str, cores: int = 2) -> str:
+    """Return what code prints in a process of one thread, which may be copied."""
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE + code],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, CORES: str(cores), "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path.cwd())},
+    )
+    assert done.stderr == "", done.stderr
+    return done.stdout.strip()
+
+
+ALONE = """
+import os, signal, threading, time
+from multiprocessing import active_children
+from pathlib import Path
+from sinew.measure.tasks import halved
+
+first = os.getpid()
+
+def who(number):
+    time.sleep(0.05)
+    return number, os.getpid()
+
+def lost(number):
+    if number == 3 and os.getpid() != first:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return who(number)
+
+def failing(number):
+    if number == 3:
+        raise ValueError(f"{number} in {os.getpid() == first}")
+    return who(number)
+"""
+
+
+@pytest.mark.parametrize(("cores", "processes"), [(2, 2), (1, 1)])
+def test_calls_are_shared_with_a_copy_where_there_is_a_core_for_it(cores: int, processes: int) -> None:
+    code = "with halved(who, range(10)) as rest:\n    found = rest()\n"
+    code += "print([number for number, _ in found] == list(range(10)), len({pid for _, pid in found}))"
+    assert alone(code, cores) == f"True {processes}"
+
+
+def test_a_process_with_another_thread_is_not_copied() -> None:
+    code = "threading.Thread(target=time.sleep, args=(2.0,), daemon=True).start()\n"
+    code += "with halved(who, range(4)) as rest:\n    print({pid for _, pid in rest()} == {first})"
+    assert alone(code) == "True"
+
+
+def test_what_a_copy_took_with_it_is_made_here() -> None:
+    code = "with halved(lost, range(10)) as rest:\n    time.sleep(1.0)\n    found = rest()\n"
+    code += "print([number for number, _ in found] == list(range(10)), {pid for _, pid in found} == {first})"
+    assert alone(code) == "True True"
+
+
+def test_what_a_call_raises_in_a_copy_is_raised_here() -> None:
+    code = "try:\n    with halved(failing, range(10)) as rest:\n        time.sleep(1.0)\n        rest()\n"
+    code += "except ValueError as error:\n    print(error, active_children())"
+    assert alone(code) == "3 in True []"
+
+
+def test_a_copy_ends_with_an_interrupt_and_leaves_nothing_open() -> None:
+    code = """
+def open_files():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+before = open_files()
+for _ in range(20):
+    try:
+        with halved(who, range(1000)) as rest:
+            os.kill(first, signal.SIGINT)
+            rest()
+    except KeyboardInterrupt:
+        pass
+print(open_files() - before, active_children())
+"""
+    assert alone(code) == "0 []"

@@ -1,5 +1,10 @@
 """Ring-downs inside a recording: which channel, which segments, which table."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -78,3 +83,24 @@ def test_a_recording_without_ring_downs_is_refused() -> None:
     kinds = np.full(whole.sizes["segment"], "steady", dtype=object)
     with pytest.raises(RecordingError, match="no ring-down segment"):
         analyse_ring_downs(whole.assign(kind=("segment", kinds)))
+
+
+COPIED = """
+import os
+import xarray as xr
+from tests.unit.test_ring_down_recordings import recording
+from sinew.analysis.decay import ring_down
+from sinew.measure import tasks
+
+assert tasks._has_one_thread()
+found = []
+for cores in ("1", "2"):
+    os.environ[tasks.CORES] = cores
+    found.append(ring_down.analyse_ring_downs(recording(spoil=2), 0.0127))
+xr.testing.assert_identical(*found)
+"""
+
+
+def test_ring_downs_read_in_a_copy_of_the_process_are_the_same_to_the_bit() -> None:
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path.cwd())}
+    subprocess.run([sys.executable, "-c", COPIED], check=True, timeout=60, env=environment)

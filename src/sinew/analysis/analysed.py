@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -14,7 +15,12 @@ from scipy import special
 from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
 from sinew.analysis.broadband.impact import analyse_impacts, impact_json
 from sinew.analysis.decay.modes import fit_modes, modes_json
-from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs, ring_down_json
+from sinew.analysis.decay.ring_down import (
+    analyse_ring_down,
+    analyse_ring_downs,
+    ring_down_json,
+    ring_downs_beside,
+)
 from sinew.analysis.doubts import doubts_of, find_doubts
 from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
 from sinew.analysis.signal.attitude import tilting
@@ -247,27 +253,18 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
         signals = signals.moved_by("lever", "impulse-torsion")
         in_space = _in_space(everything, parts)
         kinds = {segment.kind for segment, _ in signals.segments}
-    if "steady" in kinds:
-        response = estimate_response(signals)
-        sweep = response_dataset(response)
-        if response.frequency_hz.size >= FEWEST_FREQUENCIES:
-            readings = read_resonances(response)
-            resonance = estimate_resonance(response, readings)
-            notes = str(resonance.attrs["resonance_notes"])
-            sweep = sweep.assign(resonance.data_vars)
-            energy = estimate_energy(signals, response, readings.value["resonance_hz"])
-            if energy is not None:
-                sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
-        else:
-            notes = too_few_frequencies(response.frequency_hz.size)
-        parts.append(sweep)
-    if "ring-down" in kinds:
-        try:
-            parts.append(analyse_ring_downs(signals, _inertia(rig)))
-        except RecordingError as error:
-            if not parts:
-                raise
-            parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
+    beside = ring_downs_beside(signals, _inertia(rig)) if "ring-down" in kinds else nullcontext()
+    with beside as decays:
+        if "steady" in kinds:
+            sweep, notes = _sweep(signals)
+            parts.append(sweep)
+        if decays is not None:
+            try:
+                parts.append(decays())
+            except RecordingError as error:
+                if not parts:
+                    raise
+                parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
     if not parts:
         raise RecordingError(str(in_space["coupling_notes"] or in_space["sway_notes"]))
     results = join_parts(parts)
@@ -279,6 +276,21 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
 
 
 _TOLD = ("_notes", "idle_power_w", "coupling_drive")
+
+
+def _sweep(signals: Signals) -> tuple[xr.Dataset, str]:
+    """Return the part of the results that steady segments make, and why a pretension has no resonance."""
+    response = estimate_response(signals)
+    sweep = response_dataset(response)
+    if response.frequency_hz.size < FEWEST_FREQUENCIES:
+        return sweep, too_few_frequencies(response.frequency_hz.size)
+    readings = read_resonances(response)
+    resonance = estimate_resonance(response, readings)
+    sweep = sweep.assign(resonance.data_vars)
+    energy = estimate_energy(signals, response, readings.value["resonance_hz"])
+    if energy is not None:
+        sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
+    return sweep, str(resonance.attrs["resonance_notes"])
 
 
 # A head that bends or sways has more to tell: the coupling of its steady segments, and decays that are no torsion's.

@@ -1,8 +1,10 @@
 """Frequency and damping of a ring-down, with intervals, and a verdict on its shape."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +46,7 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate, finite, number
 from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
+from sinew.measure.tasks import halved
 
 # A decay shows whether it is exponential, and how damping and frequency move with amplitude.
 
@@ -669,7 +672,9 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
 def _likelihood_ratio(sought: _Sought, bent: DecayFit) -> float:
     """Return twice the logarithm of the likelihood ratio of a bent fit to a plain one, in independent samples."""
     fit, effective = sought.fit, bent.degrees_of_freedom + bent.parameters.size
-    before = exponential_course(sought.t, sought.x, fit).left_over if fit.bending else float(fit.residual @ fit.residual)
+    before = (
+        exponential_course(sought.t, sought.x, fit).left_over if fit.bending else float(fit.residual @ fit.residual)
+    )
     after = float(bent.residual @ bent.residual)
     return effective * math.log(before / after) if after > 0 and before > 0 else 0.0
 
@@ -881,37 +886,51 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
     analysed is NaN, and the attribute `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
+    with ring_downs_beside(recording, inertia_kg_m2) as rest:
+        return rest()
+
+
+@contextmanager
+def ring_downs_beside(
+    recording: xr.Dataset | Signals, inertia_kg_m2: float | None = None
+) -> Iterator[Callable[[], xr.Dataset]]:
+    """Begin to analyse the ring-downs beside what this process does, where it can be copied (`measure.tasks.halved`).
+
+    Arguments as of `analyse_ring_downs`; gives what finishes it here, and returns and raises the same.
+    """
     signals = read_signals(recording)
-    found: list[tuple[Segment, RingDown, dict[str, float]]] = []
-    windows: list[tuple[Segment, list[Envelope | None]]] = []
-    notes: list[str] = []
-    asked = [segment for segment, _ in signals.of_kind("ring-down")]
+    asked = [(index, segment) for index, (segment, _) in enumerate(signals.segments) if segment.kind == "ring-down"]
     if not asked:
         raise RecordingError("recording has no ring-down segment; expected at least one")
-    for index, (segment, where) in enumerate(signals.segments):
-        if segment.kind != "ring-down":
+    with halved(partial(_read_segment, signals, inertia_kg_m2), [index for index, _ in asked]) as rest:
+        yield lambda: _over_pretension([segment for _, segment in asked], rest(), signals.response.unit)
+
+
+def _over_pretension(
+    asked: list[Segment], read: list[tuple[dict[str, float], list[Envelope | None]] | str], unit: str
+) -> xr.Dataset:
+    """Return the variables over (pretension, repeat) from what each ring-down says, see `_read_segment`."""
+    found: list[tuple[Segment, dict[str, float]]] = []
+    windows: list[tuple[Segment, list[Envelope | None]]] = []
+    notes: list[str] = []
+    for segment, one in zip(asked, read, strict=True):
+        if isinstance(one, str):
+            notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {one}")
             continue
-        try:
-            result, read = _analyse_segment(signals, index, inertia_kg_m2)
-            numbers = _numbers(result, float(signals.time_s[where.start]))
-            if result.withheld and not read:
-                numbers |= {name: np.nan for name in numbers if name.startswith("paper_")}
-            found.append((segment, result, numbers))
-            if read:
-                windows.append((segment, read))
-        except RecordingError as error:
-            notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {error}")
+        found.append((segment, one[0]))
+        if one[1]:
+            windows.append((segment, one[1]))
     if not found:
         raise RecordingError(notes[0])
     pretension = np.unique([segment.pretension_mm for segment in asked])
     shape = pretension.size, max(segment.repeat for segment in asked) + 1
-    columns = {name: np.full(shape, np.nan) for name in found[0][2]}
-    for segment, _, numbers in found:
+    columns = {name: np.full(shape, np.nan) for name in found[0][1]}
+    for segment, numbers in found:
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
         for name, value in numbers.items():
             columns[name][place] = value
     rows = {name: RESULT_VARIABLES[name] for name in columns}
-    units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}
+    units = {name: unit if row.unit == "*" else row.unit for name, row in rows.items()}
     dataset = xr.Dataset(
         {
             name: (row.dims, columns[name], {"units": units[name], "long_name": row.meaning})
@@ -954,8 +973,23 @@ _WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
 }
 
 
+def _read_segment(
+    signals: Signals, inertia_kg_m2: float | None, index: int
+) -> tuple[dict[str, float], list[Envelope | None]] | str:
+    """Return the numbers of a ring-down by name, and what each of `DECAY_WINDOWS` says where the stop of the drive is
+    known; or why it cannot be analysed."""
+    try:
+        result, read = _analyse_segment(signals, inertia_kg_m2, index)
+    except RecordingError as error:
+        return str(error)
+    numbers = _numbers(result, float(signals.time_s[signals.segments[index][1].start]))
+    if result.withheld and not read:
+        numbers |= {name: np.nan for name in numbers if name.startswith("paper_")}
+    return numbers, read
+
+
 def _analyse_segment(
-    signals: Signals, index: int, inertia_kg_m2: float | None
+    signals: Signals, inertia_kg_m2: float | None, index: int
 ) -> tuple[RingDown, list[Envelope | None]]:
     """Return the ring-down, and beside it what each of `DECAY_WINDOWS` says where the stop of the drive is known."""
     (here, where), response, drive = signals.segments[index], signals.response, signals.drive
