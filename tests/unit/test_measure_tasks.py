@@ -13,10 +13,21 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from sinew.measure import tasks
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.measure.tasks import CORES, DEVICE, Spread, beside, cores, digest_of, each_task, run_tasks
+from sinew.measure.tasks import (
+    CORES,
+    DEVICE,
+    Spread,
+    beside,
+    cores,
+    digest_of,
+    each_task,
+    run_tasks,
+    with_one_blas_thread,
+)
 
 
 class Job(NamedTuple):
@@ -283,6 +294,17 @@ def test_after_an_interrupt_no_process_begins_what_waits(log: Path, tmp_path: Pa
     assert done.returncode == -signal.SIGINT, done.stderr
     assert computed(log) == [20.0]
     assert "pausing" not in done.stderr, "a process of the pool has nothing to say"
+
+
+def blas_threads() -> set[int]:
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+def test_blas_has_one_thread_for_the_time_of_a_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with threadpool_limits(2, "blas"):
+        assert with_one_blas_thread(blas_threads)() == {1}
+        assert blas_threads() == {2}
 
 
 def alone(code: str, cores: int = 2) -> str:

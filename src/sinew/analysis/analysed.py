@@ -51,6 +51,7 @@ from sinew.measure.estimate import (
 from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_part, load_recording, provenance
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
+from sinew.measure.tasks import with_one_blas_thread
 from sinew.measure.told import Table, Told
 from sinew.plan.plan import FEWEST_FREQUENCIES, too_few_frequencies
 
@@ -103,6 +104,7 @@ class Analysed(Told):
         return told
 
 
+@with_one_blas_thread
 def analyse(
     recording: xr.Dataset | str | Path,
     rig: "RigSpec | str | Path | None" = None,
@@ -230,6 +232,7 @@ def _notes_of(document: dict[str, Any], results: xr.Dataset) -> list[str]:
 # A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
 
 
+@with_one_blas_thread
 def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr.Dataset:
     """Return the results of a recording, valid by the result schema, with provenance in the attributes.
 

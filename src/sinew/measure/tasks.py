@@ -23,20 +23,21 @@ from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, partial, wraps
 from importlib.metadata import PackageNotFoundError, version
 from inspect import getsourcefile
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+P = ParamSpec("P")
 T = TypeVar("T")
 R = TypeVar("R")
 Progress = Callable[[float, float], None]
@@ -48,6 +49,8 @@ DEVICE = "SINEW_DEVICE"
 """Environment: what JAX computes on, `cpu` or `gpu`; see `sinew.twin.cache.configure`."""
 
 DEVICES = ("cpu", "gpu")
+
+_BLAS = "OPENBLAS_NUM_THREADS"
 
 _TIMEOUT_S = 20.0
 """How long a scheduler is waited for."""
@@ -101,6 +104,25 @@ def cores() -> int:
     Processes that share a computer have their share of it, a worker of a cluster one, unless the environment says more.
     """
     return max(1, int(os.environ.get(CORES) or os.cpu_count() or 1))
+
+
+def with_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that leaves BLAS one thread, for of small matrices two mostly wait for each other.
+
+    A command has one by its environment; a notebook has one for each core, and an analysis there took three times as
+    much of a processor.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        if os.environ.get(_BLAS) == "1":
+            return function(*args, **kwargs)
+        from threadpoolctl import threadpool_limits  # no command needs it
+
+        with threadpool_limits(1, "blas"):
+            return function(*args, **kwargs)
+
+    return limited
 
 
 def run_tasks(
@@ -308,7 +330,7 @@ def _share_of(workers: int) -> AbstractContextManager[None]:
     `sinew.twin.cache`'s to say; BLAS has the threads of the share.
     """
     share = str(max(1, cores() // workers))
-    return _environment({CORES: share, "OPENBLAS_NUM_THREADS": share, "OMP_NUM_THREADS": share})
+    return _environment({CORES: share, _BLAS: share, "OMP_NUM_THREADS": share})
 
 
 @contextmanager
