@@ -20,7 +20,7 @@ from scipy import stats
 from campaigns.balance import Balance, balance_lanes
 from campaigns.options import asked_seeds, trial_parser
 from sinew.analysis.signal.signals import read_signals
-from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
+from sinew.analysis.sweep.energy import energy_of_repeats, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
 from sinew.analysis.sweep.response import estimate_response
 from sinew.measure.arrays import Array
@@ -139,7 +139,8 @@ def _quantities(
     trend = fit_swing_trend(f, sweep["drive_current_rms_a"], sweep["amplitude_rad"])
     line = fit_line_trend(f, sweep["drive_current_rms_a"], at)
     assert trend is not None
-    by_spline = energy_of_repeat(f, sweep, at, resistance)
+    alone = {name: column[None] for name, column in sweep.items()}
+    by_spline = energy_of_repeats(f, alone, np.array([at]), resistance)
     power, current, swing, holding = (
         last[name] for name in ("drive_power_w", "drive_current_rms_a", "amplitude_rad", "holding_power_w")
     )
@@ -158,7 +159,7 @@ def _quantities(
         "current_reduction": 1 - current / math.sqrt(current**2 + square),
         "break_even_rad": swing * math.sqrt(holding / saving),
         "line_reduction": math.nan if line is None else 1 - current / line.current(at),
-    } | {name: by_spline[name][0] for name in _BY_SPLINE if name in by_spline}
+    } | {name: float(by_spline[name][0, 0]) for name in _BY_SPLINE}
 
 
 def _measure(plan: Plan, rig: RigSpec, lanes: Lanes, seed: int, effects: Effects) -> tuple[xr.Dataset, Array, Array]:

@@ -9,7 +9,7 @@ from scipy import signal
 from tests.unit.broadband_signals import response_of
 
 from sinew.analysis.broadband.poles import PoleFit, fit_poles, fit_poles_of
-from sinew.analysis.sweep.resonance import RationalCurve, fit_curve, parameter_spread
+from sinew.analysis.sweep.resonance import RationalCurves, fit_curves, parameter_spread
 from sinew.measure.errors import RecordingError
 
 BEAM = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine" / "stepped_sine.csv"
@@ -61,17 +61,18 @@ def test_the_fitted_response_passes_through_the_points() -> None:
     assert np.abs(fit(response, 1e-3, count=2).response(F) / response - 1).max() < 1e-6
 
 
-def damping_by(curve: RationalCurve) -> tuple[float, float]:
+def damping_by(curve: RationalCurves) -> tuple[float, float]:
     """Return ζ and its deviation by the zero of a - (u² - 1)/w + jbu: ζ = bw/(2 sqrt(1 + aw))."""
-    w, near = curve.half_width_hz / curve.centre_hz, parameter_spread(curve)
+    w, near = curve.half_width_hz / curve.centre_hz, parameter_spread(curve)[0]
     values = 0.5 * w * near[:, 1] / np.sqrt(1 + w * near[:, 0])
     return values[0], 0.5 * float(np.linalg.norm(values[1:17] - values[17:]))
 
 
 def test_one_mode_by_partial_fractions_is_one_mode_by_the_rational_curve() -> None:
     response = noisy(modes(F, (3.0, 0.1)), 0.02, seed=1)
-    curve = fit_curve(F, response, np.full(F.size, 0.02), np.full(F.size, 0.02))
-    assert curve is not None
+    std = np.full((1, F.size), 0.02)
+    curve = fit_curves(F[None], response[None], std, std, np.ones((1, F.size), dtype=bool))
+    assert curve.found.all()
     (value, std), ours = damping_by(curve), fit(response, 0.02).modes[0].damping_ratio
     assert (ours.value, ours.std) == (pytest.approx(value, rel=1e-5), pytest.approx(std, rel=0.2))
 

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
 from sinew.analysis.signal.repeats import combine_repeats
-from sinew.analysis.sweep.resonance import Peak, estimate_resonance, find_crossing, find_peak
+from sinew.analysis.sweep.resonance import Peak, estimate_resonance, find_crossings, find_peak, find_peaks
 from sinew.analysis.sweep.response import estimate_response
 
 FREQUENCY_HZ = np.unique(np.round(np.r_[np.linspace(1.53, 5.97, 15), np.linspace(2.61, 3.91, 14)], 6))
@@ -184,6 +184,25 @@ def test_missing_points_are_left_out() -> None:
     assert peak_of(response).frequency_hz[0] == pytest.approx(Joint().resonance_hz, rel=1e-6)
 
 
+@pytest.mark.parametrize("find", [find_peaks, find_crossings])
+def test_each_of_many_curves_is_read_as_it_would_be_alone(find) -> None:
+    rng = np.random.default_rng(11)
+    damped = [Joint(damping=damping).transfer(FREQUENCY_HZ) for damping in (0.03, 0.25)]
+    rising, still = np.where(FREQUENCY_HZ < 3.0, damped[0], np.nan), np.where(FREQUENCY_HZ < 3.2, damped[0], 0.0)
+    missing, few = (np.where(rng.random(FREQUENCY_HZ.size) < share, damped[1], np.nan) for share in (0.7, 0.2))
+    too_few = np.where(np.arange(FREQUENCY_HZ.size) < 5, damped[1], np.nan)
+    chance = rng.standard_normal(FREQUENCY_HZ.size) + 1j * rng.standard_normal(FREQUENCY_HZ.size)
+    curves = np.array([*damped, missing, few, too_few, rising, still, chance, hardening(FREQUENCY_HZ, 0.1)])
+    noise = 1e-3 * rng.standard_normal((2, *curves.shape))
+    curves, std = curves * (1.0 + noise[0] + 1j * noise[1]), np.full(curves.shape, 1e-3)
+    together = find(FREQUENCY_HZ, curves, std, std)
+    alone = [find(FREQUENCY_HZ, curves[[i]], std[[i]], std[[i]])[0] for i in range(len(curves))]
+    assert [one.reason for one in together] == [one.reason for one in alone]
+    for name in ("frequency_hz", "gain", "width_hz", "crossing_hz", "crossing_slope", "frequency_misfit_hz"):
+        found, expected = ([getattr(one, name) for one in peaks] for peaks in (together, alone))
+        np.testing.assert_allclose(found, expected, rtol=1e-6, err_msg=name)
+
+
 def test_a_crossing_far_from_the_peak_is_found_beside_it() -> None:
     # a second delay of 40 ms turns the lag by 46 degrees at 3.2 Hz, so that 90 degrees come early
     response = Joint(damping=0.03).transfer(FREQUENCY_HZ) * np.exp(-2j * np.pi * FREQUENCY_HZ * 0.04)
@@ -192,15 +211,15 @@ def test_a_crossing_far_from_the_peak_is_found_beside_it() -> None:
         turned = Joint(damping=0.03).transfer(frequency_hz) * np.exp(-2j * np.pi * frequency_hz * 0.04)
         return -np.angle(turned) - np.pi / 2
 
-    std = np.full(FREQUENCY_HZ.size, 1e-4)
-    found = find_crossing(FREQUENCY_HZ, response, std, std).crossing_hz[0]
+    std = np.full((1, FREQUENCY_HZ.size), 1e-4)
+    found = find_crossings(FREQUENCY_HZ, response[None], std, std)[0].crossing_hz[0]
     assert found == pytest.approx(brentq(lag, 2.5, 3.19), abs=0.02)
 
 
 def test_a_lag_that_never_reaches_90_degrees_has_no_crossing() -> None:
     low = np.linspace(1.0, 2.8, 19)
-    std = np.full(19, 1e-4)
-    assert "does not pass 90°" in find_crossing(low, Joint().transfer(low), std, std).reason
+    std = np.full((1, 19), 1e-4)
+    assert "does not pass 90°" in find_crossings(low, Joint().transfer(low)[None], std, std)[0].reason
 
 
 def test_absent_readings_of_a_recording_have_their_reason_in_the_notes() -> None:

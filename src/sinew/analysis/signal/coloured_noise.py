@@ -8,6 +8,7 @@ few samples in which a decay is still large, and be too small for a short one.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sinew.measure.arrays import Array
 
@@ -16,16 +17,32 @@ _MANY = 10_000  # samples for each parameter
 
 
 def unit_columns(design: Array) -> tuple[Array, Array]:
-    """Return the columns (n, m) scaled to one length, and their lengths (m,), one for a column of zeros."""
-    lengths = np.linalg.norm(design, axis=0)
+    """Return the columns (..., n, m) scaled to one length, and their lengths (..., m), one for a column of zeros."""
+    lengths = np.linalg.norm(design, axis=-2)
     lengths[lengths == 0] = 1.0
-    return design / lengths, lengths
+    return design / lengths[..., None, :], lengths
 
 
 def solve_scaled(design: Array, target: Array, smallest: float = 1e-13) -> Array:
     """Return the least-squares solution by columns of one length; smallest: singular value, of the largest."""
     scaled, lengths = unit_columns(design)
     return np.asarray(np.linalg.lstsq(scaled, target, rcond=smallest)[0] / lengths)
+
+
+def solve_damped(design: Array, target: Array, damping: ArrayLike) -> Array:
+    """Return the solutions (k, m) of k damped least-squares problems by columns of one length.
+
+    design: shape (k, n, m); target: shape (k, n). damping: what is added to each squared singular value, a number or
+    (k,), positive: below 1e-24 it only keeps the solution small where the columns do not determine it.
+    """
+    scaled, lengths = unit_columns(design)
+    count = lengths.shape[1]
+    rows = np.zeros((scaled.shape[0], scaled.shape[1] + count, count + 1))
+    rows[:, :-count, :-1], rows[:, :-count, -1] = scaled, target
+    rows[:, -count:, :-1] = np.sqrt(np.asarray(damping))[..., None, None] * np.eye(count)
+    # Never singular, so that one problem without a solution does not take the others with it.
+    upper = np.asarray(np.linalg.qr(rows, mode="r"))
+    return np.asarray(np.linalg.solve(upper[:, :count, :count], upper[:, :count, count:])[:, :, 0] / lengths)
 
 
 def noise_spectrum(residual: Array, jacobian: Array) -> Array:

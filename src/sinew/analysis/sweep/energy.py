@@ -1,20 +1,19 @@
 """What a swing costs, by a sweep: at resonance, against the trend off it, and where it costs least."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 import xarray as xr
 from scipy.optimize import nnls
 
+from sinew.analysis.signal.coloured_noise import solve_damped
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals
-from sinew.analysis.sweep.resonance import interval_variables
+from sinew.analysis.sweep.resonance import LINE, alike, by_repeat, interval_variables, read_each
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.schema import ENERGY_QUANTITIES
@@ -74,7 +73,7 @@ def fit_swing_trend(frequency_hz: Array, current_a: Array, torsion_rad: Array) -
         scale = np.linalg.norm(design * weight[:, None], axis=0)
         terms = nnls(design * weight[:, None] / scale, wanted * weight)[0] / scale
         moved = wanted + terms[2] * f**2
-        if np.allclose(moved, without, rtol=1e-9):
+        if (np.abs(moved - without) <= 1e-8 + 1e-9 * without).all():
             break
         without = moved
     residual = (wanted - design @ terms) / without
@@ -130,7 +129,7 @@ _FROM_TREND = (
     "cheapest_reduction",
 )
 _NEEDED = ("drive_power_w", "drive_copper_w", "drive_mechanical_w", "drive_current_rms_a", "amplitude_rad")
-_READ = (*_NEEDED, "holding_power_w")
+_READ = (*_NEEDED, "holding_power_w", "drive_power_std_w")
 
 
 def cost_of_swing(power_w: Array, frequency_hz: Array, torsion_rad: Array) -> Array:
@@ -151,16 +150,9 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
     if rig is None or not np.isfinite(columns["drive_power_w"]).any():
         return None
     shape = resonance_hz.shape
-    value, std, misfit = ({name: np.full(shape, np.nan) for name in ENERGY_QUANTITIES} for _ in range(3))
-    resistance = rig.drive.resistance
-    for p, r in np.ndindex(*shape):
-        mine = {name: columns[name][p, :, r] for name in (*_READ, "drive_power_std_w")}
-        at = float(resonance_hz[p, r])
-        found = energy_of_repeat(response.frequency_hz, mine, at, resistance)
-        other = energy_of_repeat(response.frequency_hz, mine, at, resistance, second=True)
-        for name, (number, own) in found.items():
-            value[name][p, r], std[name][p, r] = number, own
-            misfit[name][p, r] = abs(number - other[name][0]) if name in other else math.nan
+    mine = {name: by_repeat(columns[name]) for name in _READ}
+    found = energy_of_repeats(response.frequency_hz, mine, resonance_hz.ravel(), rig.drive.resistance)
+    value, std, misfit = ({name: rows[i].reshape(shape) for name, rows in found.items()} for i in range(3))
     for (pretension, repeat), watts in rest_power(signals, rig).items():
         rows = np.flatnonzero(response.pretension_mm == pretension)
         if rows.size and repeat < shape[1]:
@@ -186,130 +178,131 @@ def _of_voltage(value: Mapping[str, Array], volts: float) -> dict[str, Array]:
     return shared
 
 
-def energy_of_repeat(
-    frequency_hz: Array, columns: Mapping[str, Array], resonance_hz: float, resistance: float, *, second: bool = False
-) -> dict[str, tuple[float, float]]:
-    """Return (value, standard deviation) of the energy quantities of one sweep, by name; those that it cannot say fail.
+def energy_of_repeats(
+    frequency_hz: Array, columns: Mapping[str, Array], resonance_hz: Array, resistance: float
+) -> dict[str, Array]:
+    """Return (value, standard deviation, misfit) of the energy quantities of k sweeps, (3, k), by name; NaN for absent.
 
-    columns: of the result schema, each (f,). resistance: of the drive [Ω]. Between measured frequencies a cubic spline
-    is read. second: the other reading, whose difference says how much the grid leaves open: Akima's spline, and a
-    parabola through the five points around the cheapest.
+    frequency_hz: shape (f,). columns: of the result schema, each (k, f), NaN left out. resonance_hz: shape (k,).
+    resistance: of the drive [Ω]. Between measured frequencies a cubic spline is read. misfit: how far another reading
+    lies, which says how much the grid leaves open: Akima's spline, and a parabola through the five points around the
+    cheapest.
     """
-    valid = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0) & (columns["amplitude_rad"] > 0)
-    f = frequency_hz[valid]
-    if f.size < FEWEST_POINTS or not columns["drive_power_w"][valid].any():  # or a lever that no servo moved
-        return {}
-    sweep = _Sweep(f, {name: values[valid] for name, values in columns.items()}, second)
-    trend = fit_swing_trend(f, sweep.columns["drive_current_rms_a"], sweep.columns["amplitude_rad"])
-    assert trend is not None, "there are frequencies enough"
-    out = _at_resonance(sweep, resonance_hz)
-    saved = (trend.saved, trend.saved_std)
-    if out:
-        out |= _against_trend(sweep, resonance_hz, resistance, saved)
-    cheapest = sweep.cheapest()
-    if math.isfinite(cheapest):
-        power, own, swing = sweep.power(cheapest)
-        saving = resistance * cheapest**2 * swing**2
-        cost = power / (cheapest * swing**2)
-        out["cheapest_hz"] = (cheapest, 0.0)
-        out["swing_cost_at_cheapest_j_rad2"] = (cost, cost * own / power)
-        out["cheapest_reduction"] = _reduction(power, own, saving * saved[0], saving * saved[1])
-    line = fit_line_trend(f, sweep.columns["drive_current_rms_a"], resonance_hz)
-    if line is not None and out:
-        expected = line.current(resonance_hz)
-        out["line_current_a"] = (expected, 0.0)
-        out["line_reduction"] = (1.0 - sweep.at("drive_current_rms_a", resonance_hz) / expected, 0.0)
+    out = {name: np.full((3, resonance_hz.size), np.nan) for name in ENERGY_QUANTITIES}
+    needed = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0) & (columns["amplitude_rad"] > 0)
+    moved = (np.where(needed, columns["drive_power_w"], 0.0) != 0.0).any(axis=1)  # or a lever that no servo moved
+    for alike_rows, valid in alike(needed):
+        rows = alike_rows[moved[alike_rows]]
+        if valid.sum() < FEWEST_POINTS or not rows.size:
+            continue
+        f, at = frequency_hz[valid], resonance_hz[rows]
+        mine = {name: columns[name][np.ix_(rows, valid)] for name in _READ}
+        off = _off_resonance(f, mine["drive_current_rms_a"], mine["amplitude_rad"], at, resistance)
+        found, other = (_energies(_Sweeps(f, mine, second), at, off) for second in (False, True))
+        for name, (value, std) in found.items():
+            out[name][:, rows] = value, std, np.abs(value - other[name][0])
     return out
 
 
+class _OffResonance(NamedTuple):
+    """What k sweeps say off resonance, (k,) each: what spring and inertia save each other, as squared current and as
+    power [A² s²/rad², W s²/rad²], both with their standard deviations, and the paper's line at the resonance [A]."""
+
+    current: Array
+    current_std: Array
+    power: Array
+    power_std: Array
+    line: Array
+
+
+def _off_resonance(f: Array, current: Array, torsion: Array, resonance_hz: Array, resistance: float) -> _OffResonance:
+    found = np.full((3, resonance_hz.size), np.nan)
+    for row, at in enumerate(resonance_hz.tolist()):
+        trend, line = fit_swing_trend(f, current[row], torsion[row]), fit_line_trend(f, current[row], at)
+        assert trend is not None, "there are frequencies enough"
+        found[:, row] = trend.saved, trend.saved_std, np.nan if line is None else line.current(at)
+    saved, saved_std, expected = found
+    return _OffResonance(saved, saved_std, resistance * saved, resistance * saved_std, expected)
+
+
 @dataclass(frozen=True)
-class _Sweep:
-    """Columns of one sweep by name, (f,), all finite where they are needed."""
+class _Sweeps:
+    """Columns of k sweeps by name, (k, f), all finite where they are needed."""
 
     f: Array
     columns: Mapping[str, Array]
-    second: bool = False
+    second: bool
 
-    @property
-    def _curve(self) -> Any:
-        return scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
+    def at(self, name: str, where: Array) -> Array:
+        """Return a column of each sweep at a frequency of its own, (k,), NaN outside the sweep."""
+        curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
+        return read_each(self.f, self.columns[name], where, curve)
 
-    @cached_property
-    def _together(self) -> tuple[list[str], Callable[[float], Array]]:
-        """Return the names of the columns known at all frequencies, and the one curve through them."""
-        names = [name for name in _READ if np.isfinite(self.columns[name]).all()]
-        return names, self._curve(self.f, np.stack([self.columns[name] for name in names], axis=1))
-
-    def at(self, name: str, where: float) -> float:
-        known = np.isfinite(self.columns[name])
-        if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
-            return math.nan
-        names, together = self._together
-        if name in names:
-            return float(together(where)[names.index(name)])
-        return float(self._curve(self.f[known], self.columns[name][known])(where))
-
-    def power(self, where: float) -> tuple[float, float, float]:
-        """Return electrical power, its standard deviation, and torsion amplitude at a frequency."""
-        own = float(np.interp(where, self.f, np.nan_to_num(self.columns["drive_power_std_w"])))
+    def power(self, where: Array) -> tuple[Array, Array, Array]:
+        """Return electrical power, its standard deviation, and torsion amplitude at frequencies, (k,) each."""
+        own = read_each(self.f, np.nan_to_num(self.columns["drive_power_std_w"]), where, LINE)
         return self.at("drive_power_w", where), own, self.at("amplitude_rad", where)
 
-    def cheapest(self) -> float:
-        """Return the frequency of the least energy per cycle and squared swing [Hz], NaN at the edge of the sweep."""
+    def cheapest(self) -> Array:
+        """Return the frequencies of the least energy per cycle and squared swing [Hz], NaN at the edge of the sweep."""
         cost = np.log(cost_of_swing(self.columns["drive_power_w"], self.f, self.columns["amplitude_rad"]))
         if self.second:
-            least = int(np.argmin(cost))
-            near = slice(max(0, least - 2), least + 3)
-            bend, slope, _ = np.polyfit(self.f[near] - self.f[least], cost[near], 2)
-            return float(self.f[least] - 0.5 * slope / bend) if bend > 0 else math.nan
+            least = np.argmin(cost, axis=1)
+            near = least[:, None] + np.arange(-2, 3)
+            there, near = (near >= 0) & (near < self.f.size), near.clip(0, self.f.size - 1)
+            away = self.f[near] - self.f[least][:, None]
+            powers = np.stack([away**2, away, np.ones_like(away)], axis=2) * there[:, :, None]
+            bend, slope, _ = solve_damped(powers, np.take_along_axis(cost, near, axis=1) * there, 1e-26).T
+            return np.where(bend > 0, self.f[least] - 0.5 * slope / np.where(bend > 0, bend, 1.0), np.nan)
         fine = np.linspace(self.f[0], self.f[-1], _FINE)
-        place = int(np.argmin(scipy.interpolate.CubicSpline(self.f, cost)(fine)))
-        return float(fine[place]) if 0 < place < _FINE - 1 else math.nan
+        place = np.argmin(scipy.interpolate.CubicSpline(self.f, cost, axis=1)(fine), axis=1)
+        return np.where((place > 0) & (place < _FINE - 1), fine[place], np.nan)
 
 
-def _reduction(power: float, own: float, saving: float, saving_std: float) -> tuple[float, float]:
+def _reduction(power: Array, own: Array, saving: Array, saving_std: Array) -> tuple[Array, Array]:
     """Return 1 - P/(P + S) and its standard deviation."""
     whole = power + saving
-    return saving / whole, math.hypot(saving * own, power * saving_std) / whole**2
+    return saving / whole, np.hypot(saving * own, power * saving_std) / whole**2
 
 
-def _at_resonance(sweep: _Sweep, where: float) -> dict[str, tuple[float, float]]:
-    if not math.isfinite(where) or not sweep.f[0] <= where <= sweep.f[-1]:
-        return {}
-    power, own, swing = sweep.power(where)
-    copper, mechanical = sweep.at("drive_copper_w", where), sweep.at("drive_mechanical_w", where)
-    holding = sweep.at("holding_power_w", where)
-    relative = own / power
-    cost = power / (where * swing**2)
-    return {
+def _energies(sweeps: _Sweeps, where: Array, off: _OffResonance) -> dict[str, tuple[Array, Array]]:
+    """Return (value, standard deviation) of the energy quantities by name, (k,) each. where: the resonances [Hz]."""
+    power, own, swing = sweeps.power(where)
+    copper, mechanical = sweeps.at("drive_copper_w", where), sweeps.at("drive_mechanical_w", where)
+    current, holding = sweeps.at("drive_current_rms_a", where), sweeps.at("holding_power_w", where)
+    relative, exact, square = own / power, np.zeros_like(power), where**2 * swing**2
+    per_cycle = where * swing**2
+    out = {
         "drive_power_at_resonance_w": (power, own),
         "copper_at_resonance_w": (copper, copper * relative),
         "gear_at_resonance_w": (power - copper - mechanical, own),
         "mechanical_at_resonance_w": (mechanical, mechanical * relative),
-        "holding_at_resonance_w": (holding, 0.0),
+        "holding_at_resonance_w": (holding, exact),
         "energy_per_cycle_at_resonance_j": (power / where, own / where),
-        "swing_cost_at_resonance_j_rad2": (cost, cost * relative),
+        "swing_cost_at_resonance_j_rad2": (power / per_cycle, own / per_cycle),
     }
-
-
-def _against_trend(
-    sweep: _Sweep, where: float, resistance: float, saved: tuple[float, float]
-) -> dict[str, tuple[float, float]]:
-    power, own, swing = sweep.power(where)
-    current, holding = sweep.at("drive_current_rms_a", where), sweep.at("holding_power_w", where)
-    square = where**2 * swing**2
-    saving, saving_std = (resistance * square * x for x in saved)
-    trend = (power + saving) / (where * swing**2)
-    total = math.sqrt(current**2 + saved[0] * square)
-    out = {
-        "trend_cost_at_resonance_j_rad2": (trend, math.hypot(own, saving_std) / (where * swing**2)),
+    saving, saving_std = off.power * square, off.power_std * square
+    total = np.sqrt(current**2 + off.current * square)
+    less = 1.0 - (power + holding) / (power + saving)
+    spread = np.hypot((saving - holding) * own, (power + holding) * saving_std) / (power + saving) ** 2
+    evens = (saving > 0) & (holding >= 0)
+    held, saves = np.where(evens, holding, np.nan), np.where(evens, saving, np.nan)
+    even = swing * np.sqrt(held / saves)
+    out |= {
+        "trend_cost_at_resonance_j_rad2": ((power + saving) / per_cycle, np.hypot(own, saving_std) / per_cycle),
         "energy_reduction": _reduction(power, own, saving, saving_std),
-        "current_reduction": (1.0 - current / total, 0.5 * current * square * saved[1] / total**3),
+        "current_reduction": (1.0 - current / total, 0.5 * current * square * off.current_std / total**3),
+        "energy_reduction_with_holding": (less, spread),
+        "break_even_rad": (even, 0.5 * even * saving_std / saves),
     }
-    if math.isfinite(holding):
-        less = 1.0 - (power + holding) / (power + saving)
-        spread = math.hypot((saving - holding) * own, (power + holding) * saving_std) / (power + saving) ** 2
-        out["energy_reduction_with_holding"] = (less, spread)
-        even = swing * math.sqrt(holding / saving) if saving > 0 and holding >= 0 else math.nan
-        out["break_even_rad"] = (even, 0.5 * even * saving_std / saving if saving > 0 else math.nan)
-    return out
+    cheapest = sweeps.cheapest()
+    least, own, swing = sweeps.power(cheapest)
+    square, per_cycle = cheapest**2 * swing**2, cheapest * swing**2
+    told = np.isfinite(power) | np.isfinite(cheapest)
+    return out | {
+        "cheapest_hz": (cheapest, exact),
+        "swing_cost_at_cheapest_j_rad2": (least / per_cycle, own / per_cycle),
+        "cheapest_reduction": _reduction(least, own, off.power * square, off.power_std * square),
+        "line_current_a": (np.where(told, off.line, np.nan), exact),
+        "line_reduction": (1.0 - current / off.line, exact),
+    }

@@ -7,8 +7,9 @@ largest fundamental over it (`resonance_hz`), of the largest gain by measured dr
 """
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
+from sinew.analysis.signal.coloured_noise import solve_damped, unit_columns
 from sinew.analysis.signal.repeats import Interval, combine_repeats
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, Complexes, Mask, mean_of_known, wrapped_lag
@@ -32,233 +33,300 @@ _PLAIN = np.array([True, True, True, True, True, True, False, False])
 _STEPS = 40
 _MISFIT = 5.0
 _FINE = 1001
+_STRIDE = 20
+_BESIDE = np.array([-10, -5, -2, 0, 2, 5, 10])
+_CHUNK = 16  # curves whose neighbours are read at once: what fits the cache
 
 
-@dataclass(frozen=True)
-class RationalCurve:
-    """H(v) = (c₀ + c₁v + c₂v²) / (a + jb(1 + wv) - 2v - wv²) around a resonance, v = (f - centre)/half_width.
+class RationalCurves(NamedTuple):
+    """H(v) = (c₀ + c₁v + c₂v²) / (a + jb(1 + wv) - 2v - wv²) around resonances, v = (f - centre)/half_width, k curves.
 
     w = half_width/centre, so the denominator is a - (u² - 1)/w + jbu with u = f/centre: one resonance times whatever
     is smooth (inertia, a drive that falls short). The linear joint I_l ω²/(k - Iω² + jdω) is contained exactly,
     hysteretic damping to second order in w. A damping of free slope would not do: over a narrow window it only turns
     denominator and numerator alike.
-    parameters: a, b, Re c₀, Im c₀, Re c₁, ..., shape (8,). covariance_root: shape (8, 16), covariance = root·rootᵀ,
-    eight columns from the residual of the sizes, eight from that of the angles; degrees_of_freedom of the two.
-    low, high: window of the fit in v. fits: whether the residual is no more than the noise of the points explains.
+    found: whether there is a curve, shape (k,); where there is none, the rest says nothing. centre_hz, half_width_hz:
+    of the points, shape (k,). parameters: a, b, Re c₀, Im c₀, Re c₁, ..., shape (k, 8). covariance_root: shape (k, 8,
+    16), covariance = root·rootᵀ, eight columns from the residual of the sizes, eight from that of the angles;
+    degrees_of_freedom of the two, shape (k, 2). fits: whether the residual is no more than the noise of the points
+    explains, shape (k,).
     """
 
-    centre_hz: float
-    half_width_hz: float
+    found: Mask
+    centre_hz: Array
+    half_width_hz: Array
     parameters: Array
     covariance_root: Array
-    degrees_of_freedom: tuple[float, float]
-    low: float
-    high: float
-    fits: bool = True
+    degrees_of_freedom: Array
+    fits: Mask
+
+    def of(self, rows: Any) -> "RationalCurves":
+        """Return some of the curves."""
+        return RationalCurves(*_of(self, rows))
 
 
-def _denominator(parameters: Array, v: Array, w: float) -> Complexes:
-    a, b = parameters[..., 0, None], parameters[..., 1, None]
-    return np.asarray(a - 2.0 * v - w * v**2 + 1j * b * (1.0 + w * v))
+def _of(columns: Iterable[NDArray[Any]], rows: Any) -> list[Any]:
+    return [values[rows] for values in columns]
 
 
-def evaluate_curve(parameters: Array, v: Array, w: float) -> Complexes:
-    """Return H at v, shape (..., n), for parameters of shape (..., 8)."""
-    c = parameters[..., 2::2] + 1j * parameters[..., 3::2]
-    numerator = c[..., 0, None] + c[..., 1, None] * v + c[..., 2, None] * v**2
-    return np.asarray(numerator / _denominator(parameters, v, w))
+def _fraction(parameters: Array, v: Array, w: Array) -> tuple[Complexes, Complexes]:
+    """Return numerator and denominator of curves of parameters (k, 8), at v of shape (n,) or (k, n); w: shape (k,)."""
+    c, w = np.asarray(parameters[:, 2::2] + 1j * parameters[:, 3::2]), w[:, None]
+    numerator = c[:, 0, None] + v * (c[:, 1, None] + v * c[:, 2, None])
+    denominator = parameters[:, 0, None] - v * (2.0 + w * v) + 1j * parameters[:, 1, None] * (1.0 + w * v)
+    return np.asarray(numerator), np.asarray(denominator)
 
 
-@dataclass(frozen=True)
-class _Points:
-    """What is fitted: v, w, complex response, and the weights of the relative residual's size and angle, shape (n,)."""
+class _Points(NamedTuple):
+    """What is fitted: k curves of n points, a point of no weight where a curve has fewer.
 
-    v: Array
-    w: float
+    under: what a and b are multiplied by in the denominator, shape (k, 2, n); alone: what it lacks beside them, (k, n).
+    over: what Re c₀, Im c₀, Re c₁, ... are multiplied by in the numerator, shape (k, 6, n). response: complex, (k, n).
+    weight: of the relative residual's size and angle, shape (k, 1, 2, n).
+    """
+
+    under: Complexes
+    alone: Array
+    over: Complexes
     response: Complexes
-    size_weight: Array
-    angle_weight: Array
+    weight: Array
 
-    @cached_property
-    def under(self) -> Complexes:
-        """Return what a and b are multiplied by in the denominator, shape (n, 2)."""
-        return np.stack([np.ones_like(self.v), 1j * (1.0 + self.w * self.v)], axis=1)
+    @staticmethod
+    def of_response(v: Array, w: Array, response: Complexes, weight: Array) -> "_Points":
+        """Return the points at v (k, n) of windows of relative half width w (k,)."""
+        slope, one = w[:, None] * v, np.ones_like(v)
+        powers = np.stack([one, 1j * one, v, 1j * v, v**2, 1j * v**2], axis=1)
+        return _Points(np.stack([one, 1j * (1.0 + slope)], axis=1), v * (2.0 + slope), powers, response, weight)
 
-    @cached_property
-    def over(self) -> Complexes:
-        """Return what Re c₀, Im c₀, Re c₁, ... are multiplied by in the numerator, shape (n, 6)."""
-        powers = np.vander(self.v, 3, increasing=True)
-        return np.stack([powers, 1j * powers], axis=2).reshape(-1, 6)
-
-    @cached_property
-    def alone(self) -> Array:
-        """Return what the denominator lacks beside a and b, shape (n,)."""
-        return np.asarray(2.0 * self.v + self.w * self.v**2)
+    def of(self, rows: Mask) -> "_Points":
+        """Return the points of some of the curves."""
+        return _Points(*_of(self, rows))
 
     def weighted(self, complexes: Complexes) -> Array:
-        """Return complex differences (n,) or (n, k) as weighted relative sizes and angles, (2n,) or (2n, k)."""
-        relative = (complexes.T / self.response).T
-        return np.concatenate([(self.size_weight * relative.real.T).T, (self.angle_weight * relative.imag.T).T])
+        """Return complex differences (k, m, n) as weighted relative sizes and angles, (k, m, 2n)."""
+        relative = complexes / self.response[:, None]
+        parts = self.weight * np.stack([relative.real, relative.imag], axis=2)
+        return parts.reshape(*parts.shape[:2], 2 * parts.shape[3])
 
     def denominator(self, parameters: Array) -> Complexes:
-        """Return the curve's denominator at the points, shape (n,)."""
-        return np.asarray(self.under @ parameters[:2] - self.alone)
+        """Return the curves' denominators at the points, shape (k, n)."""
+        return np.asarray((parameters[:, None, :2] @ self.under)[:, 0] - self.alone)
 
     def residual(self, parameters: Array) -> tuple[Array, Complexes, Complexes]:
-        """Return the weighted residual (2n,) of a curve, the curve and its denominator, shape (n,) each."""
+        """Return the weighted residual (k, 2n) of curves, the curves and their denominators, shape (k, n) each."""
         denominator = self.denominator(parameters)
-        curve = self.over @ parameters[2:] / denominator
-        return self.weighted(self.response - curve), curve, denominator
+        curve = (parameters[:, None, 2:] @ self.over)[:, 0] / denominator
+        return self.weighted((self.response - curve)[:, None])[:, 0], curve, denominator
 
     def jacobian(self, curve: Complexes, denominator: Complexes, active: Mask) -> Array:
-        """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
-        columns = np.concatenate([-curve[:, None] * self.under, self.over], axis=1) / denominator[:, None]
-        return self.weighted(columns[:, active])
+        """Return the derivatives of the weighted curves, shape (k, 2n, active parameters)."""
+        columns = np.concatenate([-curve[:, None] * self.under, self.over], axis=1)[:, active] / denominator[:, None]
+        return self.weighted(columns).transpose(0, 2, 1)
 
 
-def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> RationalCurve | None:
-    """Return the weighted least-squares curve through complex points, all of shape (n,), or None where none fits.
+def _packed(used: Mask, *columns: NDArray[Any]) -> tuple[Any, ...]:
+    """Return which places of (k, n) hold a point once the used ones are moved to the front, and the columns so."""
+    count = used.sum(axis=1)
+    order = np.argsort(~used, axis=1, kind="stable")[:, : max(1, count.max(initial=0))]
+    moved = (np.take_along_axis(np.broadcast_to(column, used.shape), order, axis=1) for column in columns)
+    return np.arange(order.shape[1]) < count[:, None], *moved
+
+
+def _median(values: Array, held: Mask) -> Array:
+    """Return the median of what is held, shape (k, 1), of values (k, n); at least one is."""
+    ordered, last = np.sort(np.where(held, values, np.inf), axis=1), held.sum(axis=1, keepdims=True) - 1
+    return np.asarray(0.5 * sum(np.take_along_axis(ordered, at, axis=1) for at in (last // 2, (last + 1) // 2)))
+
+
+def fit_curves(
+    frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array, used: Mask
+) -> RationalCurves:
+    """Return the weighted least-squares curves through complex points, all of shape (k, n), each by those used of it.
 
     size_std: relative, of the response's size; angle_std: of its angle [rad]. To each variance 0.3 of the median one
     is added, for they are estimates themselves; only their ratios matter, since the covariance is scaled by the
     residual. Where that is far beyond the noise the joint is not linear and the curve an approximation: the points
     then weigh alike. Start by Levy's linearisation with Sanathanan and Koerner's reweighting, then
     Levenberg-Marquardt on the true residual. Where all eight parameters give a curve that leaves the points (too few,
-    too noisy), six do: a straight numerator. At least six points are needed.
+    too noisy), six do: a straight numerator. At least six points are needed, and a response at each. All curves are
+    fitted in step, and each as it would be alone.
     """
-    if frequency_hz.size < 6 or not np.abs(response).all():
-        return None
-    centre = 0.5 * float(frequency_hz[0] + frequency_hz[-1])
-    half = 0.5 * float(frequency_hz[-1] - frequency_hz[0])
-    v, w = (frequency_hz - centre) / half, half / centre
-    variances = [std**2 + 0.3 * np.median(std**2) + 1e-20 for std in (size_std, angle_std)]
-    points = _Points(v, w, response, *(1.0 / np.sqrt(variance) for variance in variances))
+    count = used.shape[0]
+    none, unknown = np.zeros((2, count), dtype=bool), np.full((4, count), np.nan)
+    parameters, root = np.full((count, 8), np.nan), np.full((count, 8, 16), np.nan)
+    curves = RationalCurves(none[0], unknown[0], unknown[1], parameters, root, unknown[2:].T, none[1])
+    rows = np.flatnonzero((used.sum(axis=1) >= 6) & ((response != 0) | ~used).all(axis=1))
     for active in (_FULL, _PLAIN):
-        parameters = _refine(_start(points, active), points, active)
-        residual, fitted, _ = points.residual(parameters)
-        fits = bool(residual @ residual <= _MISFIT * (residual.size - active.sum()))
-        if not fits:
-            amiss = np.mean(np.abs(fitted / response - 1.0) ** 2)
-            evened = _Points(v, w, response, *(1.0 / np.sqrt(variance + amiss) for variance in variances))
-            parameters, points = _refine(parameters, evened, active), evened
-        highest = float(np.abs(evaluate_curve(parameters, np.linspace(-1.0, 1.0, 401), w)).max())
-        if np.isfinite(highest) and highest < 1.5 * float(np.abs(response).max()):
-            root, freedom = _covariance_roots(parameters, points, active)
-            return RationalCurve(centre, half, parameters, root, freedom, -1.0, 1.0, fits)
-    return None
+        if rows.size:
+            points = _packed(used[rows], *_of((frequency_hz, response, size_std, angle_std), rows))
+            some = _fit_alike(active, *points)
+            for values, found in zip(curves, some, strict=True):
+                values[rows] = found
+            rows = rows[~some.found]
+    return curves
+
+
+def _fit_alike(
+    active: Mask, held: Mask, frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array
+) -> RationalCurves:
+    """Return the curves with the active parameters through points (k, n), those held: at the front, six or more."""
+    response = np.where(held, response, 1.0)
+    count = held.sum(axis=1)
+    first, last = frequency_hz[:, 0], _picked(frequency_hz, count - 1)
+    centre, half = 0.5 * (first + last), 0.5 * (last - first)
+    v, w = np.where(held, (frequency_hz - centre[:, None]) / half[:, None], 0.0), half / centre
+    squares = (np.where(held, std, 1.0) ** 2 for std in (size_std, angle_std))
+    variance = np.stack([square + 0.3 * _median(square, held) + 1e-20 for square in squares], axis=1)[:, None]
+    there = held[:, None, None]
+    points = _Points.of_response(v, w, response, there / np.sqrt(variance))
+    parameters = _refine(_start(points, active), points, active)
+    residual, fitted, _ = points.residual(parameters)
+    fits = (residual**2).sum(axis=1) <= _MISFIT * (2 * count - active.sum())
+    if not fits.all():
+        amiss = (held * np.abs(fitted / response - 1.0) ** 2).sum(axis=1) / count
+        points = points._replace(weight=there / np.sqrt(variance + np.where(fits, 0.0, amiss)[:, None, None, None]))
+        parameters[~fits] = _refine(parameters[~fits], points.of(~fits), active)
+    numerator, denominator = _fraction(parameters, np.linspace(-1.0, 1.0, 401), w)
+    found = np.abs(numerator / denominator).max(axis=1) < 1.5 * (held * np.abs(response)).max(axis=1)
+    root, freedom = np.full((count.size, 8, 16), np.nan), np.full((count.size, 2), np.nan)
+    root[found], freedom[found] = _covariance_roots(parameters[found], points.of(found), active, count[found])
+    return RationalCurves(found, centre, half, parameters, root, freedom, fits)
 
 
 def _start(points: _Points, active: Mask) -> Array:
-    """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
-    response = points.response
-    design = np.concatenate([response[:, None] * points.under, -points.over], axis=1)[:, active]
-    target = response * points.alone
-    parameters, scale = np.zeros(8), np.abs(response)
+    """Return the parameters (k, 8) of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
+    response = points.response[:, None]
+    design = np.concatenate([response * points.under, -points.over], axis=1)[:, active]
+    target = response * points.alone[:, None]
+    parameters, scale = np.zeros((response.shape[0], 8)), np.abs(response)
     for _ in range(4):
-        parameters[active] = solve_scaled(points.weighted(scale[:, None] * design), points.weighted(scale * target))
-        scale = 1.0 / np.maximum(np.abs(points.denominator(parameters)), 1e-9)
+        rows = points.weighted(scale * design).transpose(0, 2, 1)
+        parameters[:, active] = solve_damped(rows, points.weighted(scale * target)[:, 0], 1e-26)
+        scale = 1.0 / np.maximum(np.abs(points.denominator(parameters)), 1e-9)[:, None]
     return parameters
 
 
 def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
-    """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
-    damping, (residual, curve, denominator) = 1e-6, points.residual(parameters)
+    """Return the parameters (k, 8) of the least weighted residual, by Levenberg-Marquardt from a start.
+
+    Each curve has its own damping, and leaves when it has converged.
+    """
+    refined, rows = parameters.copy(), np.arange(parameters.shape[0])
+    damping, (residual, curve, denominator) = np.full(rows.size, 1e-6), points.residual(parameters)
     jacobian = points.jacobian(curve, denominator, active)
     for _ in range(_STEPS):
-        size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
-        step = np.zeros(8)
-        step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
-        trial, curve, denominator = points.residual(parameters + step)
-        gained = float(residual @ residual - trial @ trial)
-        if not gained > 0:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        parameters, residual = parameters + step, trial
-        damping = max(damping * 0.1, 1e-14)
-        if gained <= 1e-7 * float(trial @ trial):
+        moved = refined[rows]
+        moved[:, active] += solve_damped(jacobian, residual, damping)
+        trial, curve, denominator = points.residual(moved)
+        left = (trial**2).sum(axis=1)
+        gained = (residual**2).sum(axis=1) - left
+        better = gained > 0
+        refined[rows[better]], residual[better] = moved[better], trial[better]
+        jacobian[better] = points.jacobian(curve, denominator, active)[better]
+        damping = np.where(better, np.maximum(damping * 0.1, 1e-14), damping * 10.0)
+        moving = np.where(better, gained > 1e-7 * left, damping <= 1e6)
+        if not moving.all():
+            rows, damping, residual, jacobian = _of((rows, damping, residual, jacobian), moving)
+            points = points.of(moving)
+        if not rows.size:
             break
-        jacobian = points.jacobian(curve, denominator, active)
-    return parameters
+    return refined
 
 
-def _covariance_roots(parameters: Array, points: _Points, active: Mask) -> tuple[Array, tuple[float, float]]:
-    """Return roots of the covariance from sizes and from angles, (8, 16), and the degrees of freedom of each.
+def _covariance_roots(parameters: Array, points: _Points, active: Mask, count: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return roots of the covariance from sizes and angles, (k, 8, 16), and the degrees of freedom of each, (k, 2).
 
-    Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
+    count: of each curve's points, (k,). Sizes and angles are scaled each by their own residual, for jitter of the
+    stamps is in the angles alone. Their shares of an orthonormal basis add up to one: they have the same axes.
     """
     residual, curve, denominator = points.residual(parameters)
-    jacobian = points.jacobian(curve, denominator, active)
-    scaled, scale = unit_columns(jacobian)
+    scaled, scale = unit_columns(points.jacobian(curve, denominator, active))
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
-    spread = right.T / np.maximum(singular, 1e-10 * singular[0]) / scale[:, None]
-    root, freedom = np.zeros((8, 16)), []
-    for block, half in enumerate(np.split(np.arange(residual.size), 2)):
-        freedom.append(max(half.size - float((left[half] ** 2).sum()), 0.5))
-        _, size, axes = np.linalg.svd(left[half], full_matrices=False)
-        deviation = np.sqrt(float(residual[half] @ residual[half]) / freedom[-1])
-        root[np.ix_(active, 8 * block + np.arange(size.size))] = deviation * spread @ (axes.T * size)
-    return root, (freedom[0], freedom[1])
+    spread = right.transpose(0, 2, 1) / np.maximum(singular, 1e-10 * singular[:, :1])[:, None] / scale[:, :, None]
+    sizes = left[:, : left.shape[1] // 2]
+    share, axes = np.linalg.eigh(sizes.transpose(0, 2, 1) @ sizes)
+    shares = np.stack([share, 1.0 - share], axis=1).clip(0.0)
+    freedom = np.maximum(count[:, None] - shares.sum(axis=2), 0.5)
+    deviation = np.sqrt((residual.reshape(*freedom.shape, sizes.shape[1]) ** 2).sum(axis=2) / freedom)
+    root = np.zeros((count.size, 8, 2, 8))
+    columns = deviation[:, :, None] * np.sqrt(shares)
+    root[:, active, :, : share.shape[1]] = (spread @ axes)[:, :, None] * columns[:, None]
+    return root.reshape(count.size, 8, 16), freedom
 
 
-def parameter_spread(curve: RationalCurve) -> Array:
+def parameter_spread(curves: RationalCurves) -> Array:
     """Return the parameters and their 32 neighbours one standard deviation away along the columns of the covariance.
 
-    Shape (33, 8): the centre, then plus and minus of each column. Half the difference of any reading over a pair is
+    Shape (k, 33, 8): the centre, then plus and minus of each column. Half the difference of any reading over a pair is
     that column's share of the reading's standard deviation.
     """
-    steps = curve.covariance_root.T
-    return np.concatenate([curve.parameters[None], curve.parameters + steps, curve.parameters - steps])
+    centre, steps = curves.parameters[:, None], curves.covariance_root.transpose(0, 2, 1)
+    return np.concatenate([centre, centre + steps, centre - steps], axis=1)
 
 
-class _Swept(NamedTuple):
-    """Curves on a fine grid of v: their size, (k, n), and response times what makes it real and positive, (k, n)."""
+@dataclass(frozen=True)
+class _Swept:
+    """Curves of parameters (k, 8) and relative half width (k,) on a fine grid of v, worked out only where needed.
 
-    v: Array
-    gain: Array
-    turned: Complexes
+    What is sought is looked for at every twentieth place and about the pole, the one thing that can make a curve sharp,
+    and then at all places beside.
+    """
 
-    @staticmethod
-    def of(curve: RationalCurve, parameters: Array) -> "_Swept":
-        """Return the curves of parameters (k, 8) over the window of a fit."""
-        v, w = np.linspace(curve.low, curve.high, _FINE), curve.half_width_hz / curve.centre_hz
-        numerator = (parameters[:, 2::2] + 1j * parameters[:, 3::2]) @ np.stack([np.ones_like(v), v, v**2])
-        denominator = _denominator(parameters, v, w)
+    parameters: Array
+    w: Array
+
+    def at(self, place: NDArray[np.intp], rows: Any = slice(None)) -> tuple[Array, Complexes]:
+        """Return size and response times what makes it real and positive, at places (n,) or (k, n), of some curves."""
+        v = np.asarray(place * (2.0 / (_FINE - 1)) - 1.0)
+        numerator, denominator = _fraction(self.parameters[rows], v, self.w[rows])
         size = denominator.real**2 + denominator.imag**2
-        gain = np.sqrt((numerator.real**2 + numerator.imag**2) / size)
-        return _Swept(v, gain, numerator * denominator.conj())
+        return np.sqrt((numerator.real**2 + numerator.imag**2) / size), numerator * denominator.conj()
+
+    @cached_property
+    def grid(self) -> NDArray[np.intp]:
+        """Return every twentieth place and those about the pole, in order, shape (k, n)."""
+        a = self.parameters[:, 0]
+        pole = 1.0 + np.nan_to_num(a / (1.0 + np.sqrt(np.maximum(1.0 + self.w * a, 0.0))))
+        beside = np.rint(pole.clip(0.0, 2.0) * (0.5 * (_FINE - 1))).astype(np.intp)[:, None] + _BESIDE
+        places = np.broadcast_to(np.arange(0, _FINE, _STRIDE), (a.size, (_FINE - 1) // _STRIDE + 1))
+        return np.sort(np.concatenate([places, beside.clip(0, _FINE - 1)], axis=1), axis=1)
+
+    @cached_property
+    def coarse(self) -> tuple[Array, Complexes]:
+        """Return size and turned response on that grid."""
+        return self.at(self.grid)
 
     def tops(self) -> tuple[NDArray[np.intp], Array, Array]:
         """Return where each curve is largest, what a parabola adds to that [grid points], and its height, (k,) each."""
-        rows, top = np.arange(self.gain.shape[0]), np.clip(np.argmax(self.gain, axis=1), 1, _FINE - 2)
-        before, middle, after = (self.gain[rows, top + i] for i in (-1, 0, 1))
+        near = _picked(self.grid, np.argmax(self.coarse[0], axis=1))[:, None] + np.arange(-_STRIDE, _STRIDE + 1)
+        near = near.clip(0, _FINE - 1)
+        top = _picked(near, np.argmax(self.at(near)[0], axis=1)).clip(1, _FINE - 2)
+        before, middle, after = self.at(top[:, None] + np.array([-1, 0, 1]))[0].T
         bend = before - 2.0 * middle + after
         shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
         return top, shift, middle - 0.25 * (before - after) * shift
 
     def widths(self, top: NDArray[np.intp], level: Array) -> Array:
         """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
-        below, place = self.gain <= level[:, None], np.arange(_FINE)
-        left = np.where(below & (place < top[:, None]), place, -1).max(axis=1)
-        right = np.where(below & (place > top[:, None]), place, _FINE).min(axis=1)
-
-        def passage(low: NDArray[np.intp], high: NDArray[np.intp]) -> Array:
-            rows = np.arange(low.size)
-            inner, outer = self.gain[rows, high], self.gain[rows, low]
-            return np.asarray((inner - level) / (inner - outer))
-
-        known = (left >= 0) & (right < _FINE)
-        left, right = np.where(known, left, 0), np.where(known, right, _FINE - 1)
-        reach = right - left - 2.0 + passage(left, left + 1) + passage(right, right - 1)
-        return np.where(known, reach, np.nan)
+        width = np.zeros(top.size)
+        for side in (-1, 1):
+            away = side * (self.grid - top[:, None])
+            first = np.where((self.coarse[0] <= level[:, None]) & (away > 0), away, _FINE).min(axis=1)
+            away = first[:, None] + np.arange(-_STRIDE, 1)
+            gain = self.at(top[:, None] + side * away)[0]
+            low = 1 + np.argmax(((gain <= level[:, None]) & (away > 0))[:, 1:], axis=1)
+            inner, outer = _picked(gain, low - 1), _picked(gain, low)
+            width += np.where(first < _FINE, _picked(away, low - 1) + (inner - level) / (inner - outer), np.nan)
+        return width
 
     def crossings(self, top: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return where the lag passes 90° nearest to the top [grid points], and by how much it grows there, (k,)."""
-        ahead = self.turned.real > 0  # a lag below 90°
-        row, at = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
-        lag, next_lag = wrapped_lag(self.turned[row, at]), wrapped_lag(self.turned[row, at + 1])
-        grown = next_lag - lag
+        ahead = self.coarse[1].real > 0  # a lag below 90°
+        row, cell = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
+        turned = self.at(self.grid[row, cell, None] + np.arange(_STRIDE + 1), row)[1]
+        behind = np.argmax(turned.real <= 0, axis=1)
+        at, lag = self.grid[row, cell] + behind - 1, wrapped_lag(_picked(turned, behind - 1))
+        grown = wrapped_lag(_picked(turned, behind)) - lag
         nearest = np.lexsort((np.abs(at - top[row]), row))
         nearest = nearest[grown[nearest] < 0.5 * np.pi]
         row, first = np.unique(row[nearest], return_index=True)
@@ -269,25 +337,28 @@ class _Swept(NamedTuple):
         return where, slope
 
 
-def read_curve(curve: RationalCurve) -> tuple[Array, bool]:
-    """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
-    whether the curve itself has its peak inside the window."""
-    swept = _Swept.of(curve, parameter_spread(curve))
-    top, shift, largest = swept.tops()
-    crossing, slope = swept.crossings(top)
-    pitch = (swept.v[1] - swept.v[0]) * curve.half_width_hz
-    start = curve.centre_hz + curve.low * curve.half_width_hz
-    width = swept.widths(top, largest / math.sqrt(2.0))
-    readings = [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
-    return np.stack(readings, axis=1), bool(1 < np.argmax(swept.gain[0]) < _FINE - 2)
+def _picked(values: NDArray[Any], at: NDArray[np.intp]) -> NDArray[Any]:
+    """Return one value of each row, (k,), of (k, n)."""
+    return values[np.arange(at.size), at]
 
 
-def _read_top(curve: RationalCurve) -> tuple[float, float]:
-    """Return frequency [Hz] and gain of the curve's peak."""
-    swept = _Swept.of(curve, curve.parameters[None])
-    top, shift, largest = swept.tops()
-    v = float(swept.v[0] + (swept.v[1] - swept.v[0]) * (top[0] + shift[0]))
-    return curve.centre_hz + v * curve.half_width_hz, float(largest[0])
+def read_curves(curves: RationalCurves) -> tuple[Array, Mask]:
+    """Return peak frequency, gain, width, crossing and lag slope of curves and their neighbours, shape (k, 33, 5), and
+    whether a curve itself has its peak inside the window, shape (k,)."""
+    readings, inside = np.empty((curves.found.size, 33, 5)), np.empty(curves.found.size, dtype=bool)
+    for first in range(0, curves.found.size, _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        centre, half = curves.centre_hz[rows, None], curves.half_width_hz[rows, None]
+        swept = _Swept(parameter_spread(curves.of(rows)).reshape(-1, 8), np.repeat(half / centre, 33))
+        top, shift, largest = swept.tops()
+        crossing, slope = swept.crossings(top)
+        grid = top + shift, largest, swept.widths(top, largest / math.sqrt(2.0)), crossing, slope
+        at, largest, width, crossing, slope = (values.reshape(-1, 33) for values in grid)
+        pitch, start = half * (2.0 / (_FINE - 1)), centre - half
+        found = start + pitch * at, largest, pitch * width, start + pitch * crossing, slope / pitch
+        readings[rows] = np.stack(found, axis=2)
+        inside[rows] = (top[::33] > 1) & (top[::33] < _FINE - 2)
+    return readings, inside
 
 
 # The top of a response curve that no linear resonance describes is read by itself.
@@ -300,74 +371,48 @@ _DEGREE = 4
 _GRID = 4001
 
 
-@dataclass(frozen=True)
-class Crest:
-    """Where a curve is largest, by its highest points alone.
+class Crests(NamedTuple):
+    """Where curves are largest, by their highest points alone; NaN where they have no maximum there.
 
-    frequency_hz, gain: of the maximum; frequency_std_hz, gain_std: from the noise of the points.
+    frequency_hz, gain: of the maximum, shape (k,); frequency_std_hz, gain_std: from the noise of the points.
     """
 
-    frequency_hz: float
-    gain: float
-    frequency_std_hz: float
-    gain_std: float
+    frequency_hz: Array
+    gain: Array
+    frequency_std_hz: Array
+    gain_std: Array
 
 
-def top_points(gain: Array, level: float, fewest: int) -> slice:
-    """Return the contiguous points around the largest gain, shape (n,), that reach `level` of it, at least `fewest`.
-
-    Where more are needed, the higher of the two neighbours joins.
-    """
-    low = high = int(np.argmax(gain))
-    floor, last = level * gain[low], gain.size - 1
-    while low > 0 and gain[low - 1] >= floor:
-        low -= 1
-    while high < last and gain[high + 1] >= floor:
-        high += 1
-    while high - low + 1 < min(fewest, gain.size):
-        if high == last or (low > 0 and gain[low - 1] >= gain[high + 1]):
-            low -= 1
-        else:
-            high += 1
-    return slice(low, high + 1)
-
-
-def fit_crest(frequency_hz: Array, gain: Array, relative_std: Array) -> Crest | None:
-    """Return the maximum of a curve through at least five points, all arguments of shape (n,), or None without one.
+def fit_crests(frequency_hz: Array, gain: Array, relative_std: Array, used: Mask) -> Crests:
+    """Return the maxima of curves through points, all of shape (k, n), each by those used of it, five or more.
 
     A polynomial of fourth degree is fitted to 1/gain², which for a linear resonance is nearly a parabola and for one
     that leans or flattens still a smooth curve, where the gain itself has a sharp top. Its noise is that of the points
     (relative_std), or of the residual where that is larger.
     """
-    if frequency_hz.size < _DEGREE + 1:
-        return None
-    centre, half = 0.5 * (frequency_hz[0] + frequency_hz[-1]), 0.5 * float(np.ptp(frequency_hz))
-    v, inverse = (frequency_hz - centre) / half, gain**-2.0
-    weight = 1.0 / (2.0 * inverse * np.maximum(relative_std, 1e-12))
-    left, singular, right = np.linalg.svd(np.vander(v, _DEGREE + 1) * weight[:, None], full_matrices=False)
-    root = right.T / singular
-    target = inverse * weight
-    fitted = root @ (left.T @ target)
-    spare = v.size - _DEGREE - 1
-    misfit = float(np.sum((target - left @ (left.T @ target)) ** 2)) / spare if spare else 0.0
-    root *= np.sqrt(max(1.0, misfit))
-    grid = np.linspace(-1.0, 1.0, _GRID)
-    values = np.polyval(fitted, grid)
-    at = int(np.argmin(values))
-    if at in (0, _GRID - 1) or values[at] <= 0:
-        return None
-    top, level = float(grid[at]), float(values[at])
-    bend = float(np.polyval(np.polyder(fitted, 2), top))
-    if bend <= 0:
-        return None
+    held, f, gain, noise = _packed(used, frequency_hz, gain, relative_std)
+    count = held.sum(axis=1)
+    first, last = f[:, 0], _picked(f, count - 1)
+    centre, half = 0.5 * (first + last), 0.5 * (last - first)
+    v, inverse = np.where(held, (f - centre[:, None]) / half[:, None], 0.0), np.where(held, gain, 1.0) ** -2.0
+    weight = held / (2.0 * inverse * np.maximum(np.where(held, noise, 1.0), 1e-12))
     powers = np.arange(_DEGREE, -1, -1)
-    slopes = np.append(powers[:-1] * top ** (powers[:-1] - 1.0), 0.0)
-    return Crest(
-        float(centre + half * top),
-        level**-0.5,
-        half * float(np.linalg.norm(slopes @ root)) / bend,
-        0.5 * level**-1.5 * float(np.linalg.norm(top**powers @ root)),
-    )
+    left, singular, right = np.linalg.svd(v[:, :, None] ** powers * weight[:, :, None], full_matrices=False)
+    root, target = right.transpose(0, 2, 1) / singular[:, None], (inverse * weight)[:, :, None]
+    shares = left.transpose(0, 2, 1) @ target
+    fitted, misfit = (root @ shares)[:, :, 0], ((target - left @ shares)[:, :, 0] ** 2).sum(axis=1)
+    root *= np.sqrt(np.maximum(1.0, misfit / np.maximum(count - _DEGREE - 1, 1)))[:, None, None]
+    grid = np.linspace(-1.0, 1.0, _GRID)
+    values = fitted @ grid ** powers[:, None]
+    at = np.argmin(values, axis=1)
+    top, level = grid[at][:, None], _picked(values, at)
+    slopes = powers * top ** np.maximum(powers - 1, 0)
+    bend = (fitted * powers * (powers - 1) * top ** np.maximum(powers - 2, 0)).sum(axis=1)
+    known = (at > 0) & (at < _GRID - 1) & (level > 0) & (bend > 0)
+    level, bend = np.where(known, level, np.nan), np.where(known, bend, np.nan)
+    along, across = (np.linalg.norm((row[:, None] @ root)[:, 0], axis=1) for row in (slopes, top**powers))
+    frequency = np.where(known, centre + half * top[:, 0], np.nan)
+    return Crests(frequency, level**-0.5, half * along / bend, 0.5 * level**-1.5 * across)
 
 
 _WINDOW_GAIN = 0.55
@@ -375,6 +420,7 @@ _WINDOW_POINTS = 8
 _WINDOW_REACH = 0.6
 _TOP_GAIN = 0.8
 _TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational curve
+_NO_CURVE = "no smooth curve fits the points around the {}; measure more frequencies there"
 Reading = tuple[float, float, float]
 _NAN: Reading = (math.nan, math.nan, math.nan)
 RESONANCES = (
@@ -412,110 +458,147 @@ class Peak:
     reason: str = ""
 
 
-def _window(frequency: Array, closeness: Array, centre: int) -> slice:
-    """Return the contiguous points around a centre whose closeness stays above the limit, at least eight."""
-    low = high = centre
-    reach = _WINDOW_REACH * frequency[centre]
-    good = (closeness >= _WINDOW_GAIN) & (np.abs(frequency - frequency[centre]) <= reach)
-    while low > 0 and good[low - 1]:
-        low -= 1
-    while high < frequency.size - 1 and good[high + 1]:
-        high += 1
-    while high - low + 1 < min(_WINDOW_POINTS, frequency.size):
-        left = frequency[centre] - frequency[low - 1] if low > 0 else math.inf
-        right = frequency[high + 1] - frequency[centre] if high < frequency.size - 1 else math.inf
-        low, high = (low - 1, high) if left <= right else (low, high + 1)
-    return slice(low, high + 1)
+def _run(centre: NDArray[np.intp], good: Mask, cost: Array, fewest: int) -> Mask:
+    """Return the contiguous good points around a centre (k,) as a mask (k, n), at least `fewest`.
+
+    Where more are needed, the cheaper of the two neighbours joins; cost: shape (k, n), infinite where no point is.
+    """
+    place, middle = np.arange(good.shape[1]), centre[:, None]
+    low = np.where(~good & (place < middle), place, -1).max(axis=1) + 1
+    high = np.where(~good & (place > middle), place, place.size).min(axis=1) - 1
+    beside = np.pad(cost, ((0, 0), (1, 1)), constant_values=np.inf)
+    least = np.minimum(fewest, np.isfinite(cost).sum(axis=1))
+    for _ in range(fewest - 1):
+        short, left = high - low + 1 < least, _picked(beside, low) <= _picked(beside, high + 2)
+        low, high = low - (short & left), high + (short & ~left)
+    return np.asarray((place >= low[:, None]) & (place <= high[:, None]))
+
+
+def _window(frequency: Array, closeness: Array, held: Mask, centre: NDArray[np.intp]) -> Mask:
+    """Return the contiguous points around a centre whose closeness stays above the limit, at least eight; (k, n)."""
+    middle = _picked(frequency, centre)[:, None]
+    away = np.where(held, np.abs(frequency - middle), np.inf)
+    return _run(centre, (closeness >= _WINDOW_GAIN) & (away <= _WINDOW_REACH * middle), away, _WINDOW_POINTS)
 
 
 def _finite(frequency: Array, response: Complexes, *stds: Array) -> tuple[Any, ...]:
-    """Return the points at which everything is known."""
-    valid = np.isfinite(response) & np.all(np.isfinite(stds), axis=0)
-    return frequency[valid], response[valid], *(std[valid] for std in stds)
+    """Return which places hold a point once those at which everything is known are moved to the front, (k, n), and
+    frequency, response, zero where no point is, and standard deviations so."""
+    known = np.isfinite(response) & np.all(np.isfinite(stds), axis=0)
+    held, frequency, response, *moved = _packed(known, frequency, response, *stds)
+    return held, frequency, np.where(held, response, 0.0), *moved
 
 
 def find_peak(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> Peak:
-    """Return the resonance of one complex response curve, all arguments of shape (f,), NaN points left out.
+    """Return the resonance of one complex response curve, all arguments of shape (f,): `find_peaks` of one."""
+    return find_peaks(frequency_hz, response[None], size_std[None], angle_std[None])[0]
 
-    size_std: relative standard deviation of the response's size; angle_std: of its angle [rad].
-    A rational curve (`sinew.analysis.sweep.resonance`) is fitted to the points around the largest gain, down to 0.55 of
+
+def find_peaks(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> list[Peak]:
+    """Return the resonances of complex response curves at frequencies (f,), NaN points left out.
+
+    response: shape (k, f). size_std: relative standard deviation of its size; angle_std: of its angle [rad]; (k, f).
+    A rational curve (`RationalCurves`) is fitted to the points around the largest gain, down to 0.55 of
     it; peak, crossing and width are read off the curve and their standard deviations propagated from its covariance.
     Where that curve misfits by more than the noise explains (a drive that saturates, a joint that hardens), frequency
     and gain of the peak are read off its top alone (points above 0.8 of the largest gain;
-    `fit_crest`), and their standard deviations hold the disagreement with a rational curve through that top.
+    `fit_crests`), and their standard deviations hold the disagreement with a rational curve through that top.
     A largest gain at the edge of the points is no resonance: the readings are NaN and `reason` says so.
     """
-    f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
-    if f.size < FEWEST_FREQUENCIES:
-        return Peak(reason=too_few_frequencies(f.size))
-    gain = np.abs(h)
-    window = _window(f, gain / gain.max(), int(np.argmax(gain)))
-    curve = fit_curve(f[window], h[window], size[window], angle[window])
-    if curve is None:
-        return Peak(reason="no smooth curve fits the points around the largest gain; measure more frequencies there")
-    readings, inside = read_curve(curve)
-    if not inside:
-        edge = "lowest" if readings[0, 0] < curve.centre_hz else "highest"
-        return Peak(reason=f"the gain is largest at the {edge} frequency of the sweep; extend the sweep beyond it")
-    reason = "" if np.isfinite(readings[0, 2]) else "the sweep does not reach down to half power on both sides"
-    frequency, largest, width, crossing = (_reading(readings[:, i], curve) for i in range(4))
-    peak = Peak(frequency, largest, width, crossing, float(readings[0, 4]), reason=reason)
-    return peak if curve.fits else _polished(peak, f, h, size, angle)
+    held, f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
+    gain, enough = np.abs(h), held.sum(axis=1) >= FEWEST_FREQUENCIES
+    largest = gain.max(axis=1, keepdims=True)
+    closeness = np.where(held, gain / np.where(largest > 0, largest, 1.0), 0.0)
+    window = _window(f, closeness, held, np.argmax(gain, axis=1)) & enough[:, None]
+    curves = fit_curves(f, h, size, angle, window)
+    peaks = [
+        Peak(reason=_NO_CURVE.format("largest gain") if many else too_few_frequencies(int(number)))
+        for many, number in zip(enough, held.sum(axis=1), strict=True)
+    ]
+    rows = np.flatnonzero(curves.found)
+    curves = curves.of(rows)
+    values, inside = read_curves(curves)
+    readings, misfit = _readings_of(values, curves), np.zeros((rows.size, 2))
+    polished = inside & ~curves.fits
+    if polished.any():
+        own = _of((held, f, h, size, angle), rows[polished])
+        readings[polished, :2], misfit[polished] = _polished(readings[polished, :2], *own)
+    for i, row in enumerate(rows):
+        if not inside[i]:
+            edge = "lowest" if values[i, 0, 0] < curves.centre_hz[i] else "highest"
+            reason = f"the gain is largest at the {edge} frequency of the sweep; extend the sweep beyond it"
+            peaks[row] = Peak(reason=reason)
+            continue
+        reason = "" if np.isfinite(values[i, 0, 2]) else "the sweep does not reach down to half power on both sides"
+        frequency, top, width, crossing = map(tuple, readings[i].tolist())
+        off, gain_off = misfit[i].tolist()
+        peaks[row] = Peak(frequency, top, width, crossing, float(values[i, 0, 4]), off, gain_off, reason)
+    return peaks
 
 
-def _polished(peak: Peak, f: Array, h: Complexes, size: Array, angle: Array) -> Peak:
-    """Return the peak read off the top of the points alone, its misfit that of two models of that top.
+def _polished(wide: Array, held: Mask, f: Array, h: Complexes, size: Array, angle: Array) -> tuple[Array, Array]:
+    """Return frequency and gain of peaks read off the top of the points alone, (k, 2, 3), their misfit, (k, 2), that of
+    two models of that top.
 
-    The wide curve's standard deviation, scaled by its residual, belongs to the misfit too.
+    wide: the same of the wide curves, whose standard deviations, scaled by the residual, belong to the misfit too.
     """
     gain = np.abs(h)
-    near, beside = (top_points(gain, _TOP_GAIN, fewest) for fewest in _TOP_POINTS)
-    crest = fit_crest(f[near], gain[near], size[near])
-    highest = int(np.argmax(gain))
-    if crest is None:
-        where, noise = (peak.frequency_hz[0], peak.gain[0]), (0.0, 0.0)
-        other = float(f[highest]), float(gain[highest])
-    else:
-        where, noise = (crest.frequency_hz, crest.gain), (crest.frequency_std_hz, crest.gain_std)
-        curve = fit_curve(f[beside], h[beside], size[beside], angle[beside])
-        other = (peak.frequency_hz[0], peak.gain[0]) if curve is None else _read_top(curve)
-    wide = peak.frequency_hz, peak.gain
-    misfit = [math.hypot(where[i] - other[i], wide[i][1]) for i in range(2)]
-    polished = [_with_misfit((where[i], noise[i], wide[i][2]), misfit[i]) for i in range(2)]
-    return replace(
-        peak, frequency_hz=polished[0], gain=polished[1], frequency_misfit_hz=misfit[0], gain_misfit=misfit[1]
+    highest = np.argmax(gain, axis=1)
+    good, cost = held & (gain >= _TOP_GAIN * gain.max(axis=1, keepdims=True)), np.where(held, -gain, np.inf)
+    near, beside = (_run(highest, good, cost, fewest) for fewest in _TOP_POINTS)
+    crest = np.stack(fit_crests(f, gain, size, near), axis=1)
+    known = np.isfinite(crest[:, 0])
+    narrow = fit_curves(f, h, size, angle, beside & known[:, None])
+    where = np.where(known[:, None], crest[:, :2], wide[:, :, 0])
+    noise = np.where(known[:, None], crest[:, 2:], 0.0)
+    other = np.where(known[:, None], wide[:, :, 0], np.stack([_picked(f, highest), _picked(gain, highest)], axis=1))
+    other[narrow.found] = _read_tops(narrow.of(narrow.found))
+    misfit = np.hypot(where - other, wide[:, :, 1])
+    both = np.hypot(noise, misfit)
+    # Welch and Satterthwaite, with a misfit taken as known.
+    freedom = wide[:, :, 2] * np.divide(both, noise, out=np.full_like(both, np.inf), where=noise > 0) ** 4
+    return np.stack([where, both, freedom], axis=2), misfit
+
+
+def _read_tops(curves: RationalCurves) -> Array:
+    """Return frequency [Hz] and gain of the curves' peaks, (k, 2)."""
+    top, shift, largest = _Swept(curves.parameters, curves.half_width_hz / curves.centre_hz).tops()
+    v = (top + shift) * (2.0 / (_FINE - 1)) - 1.0
+    return np.stack([curves.centre_hz + v * curves.half_width_hz, largest], axis=1)
+
+
+def _readings_of(values: Array, curves: RationalCurves) -> Array:
+    """Return (value, std, degrees of freedom) of frequency, gain, width and crossing, (k, 4, 3), from what each curve
+    and its 32 neighbours say, (k, 33, 5)."""
+    near, freedom = values[:, 1:, :4], curves.degrees_of_freedom[:, :, None]
+    shares = (0.25 * (near[:, :16] - near[:, 16:]) ** 2).reshape(-1, 2, 8, 4).sum(axis=2)
+    variance, spent = shares.sum(axis=1), (shares**2 / freedom).sum(axis=1)
+    whole = np.broadcast_to(freedom.sum(axis=1), spent.shape).copy()
+    return np.stack(
+        [values[:, 0, :4], np.sqrt(variance), np.divide(variance**2, spent, out=whole, where=spent > 0)], axis=2
     )
 
 
-def _with_misfit(reading: Reading, misfit: float) -> Reading:
-    """Return a reading whose standard deviation holds a misfit, which is taken as known (Welch and Satterthwaite)."""
-    value, std, freedom = reading
-    both = math.hypot(std, misfit)
-    return value, both, freedom * (both / std) ** 4 if std > 0 else math.inf
+def find_crossings(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> list[Peak]:
+    """Return Peaks that hold only the 90° crossing, from curves fitted around it instead of around the peak.
 
-
-def _reading(values: Array, curve: RationalCurve) -> Reading:
-    """Return (value, std, degrees of freedom) from what the curve and its 32 neighbours say, shape (33,)."""
-    shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
-    variance = float(shares.sum())
-    spent = float((shares**2 / np.asarray(curve.degrees_of_freedom)).sum())
-    return float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else sum(curve.degrees_of_freedom)
-
-
-def find_crossing(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> Peak:
-    """Return a Peak that holds only the 90° crossing, from a curve fitted around it instead of around the peak."""
-    f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
-    lag = wrapped_lag(h)
-    rising = np.flatnonzero((lag[:-1] < 0.5 * np.pi) & (lag[1:] >= 0.5 * np.pi))
-    if f.size < FEWEST_FREQUENCIES or rising.size == 0:
-        return Peak(reason="the lag does not pass 90° inside the sweep; extend the sweep")
-    centre = int(rising[np.argmax(np.abs(h[rising]))])
-    window = _window(f, np.sin(np.clip(lag, 0.0, np.pi)), centre)
-    curve = fit_curve(f[window], h[window], size[window], angle[window])
-    if curve is None:
-        return Peak(reason="no smooth curve fits the points around the 90° crossing; measure more frequencies there")
-    readings, _ = read_curve(curve)
-    return Peak(crossing_hz=_reading(readings[:, 3], curve), crossing_slope=float(readings[0, 4]))
+    Arguments as of `find_peaks`.
+    """
+    held, f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
+    lag = np.where(held, wrapped_lag(h), np.nan)
+    passed = (lag < 0.5 * np.pi) & np.pad(lag[:, 1:] >= 0.5 * np.pi, ((0, 0), (0, 1)))
+    passes = passed.any(axis=1) & (held.sum(axis=1) >= FEWEST_FREQUENCIES)
+    centre = np.argmax(np.where(passed, np.abs(h), -1.0), axis=1)
+    window = _window(f, np.sin(np.clip(lag, 0.0, np.pi)), held, centre) & passes[:, None]
+    curves = fit_curves(f, h, size, angle, window)
+    reasons = ("the lag does not pass 90° inside the sweep; extend the sweep", _NO_CURVE.format("90° crossing"))
+    peaks = [Peak(reason=reasons[int(there)]) for there in passes]
+    rows = np.flatnonzero(curves.found)
+    values, _ = read_curves(curves.of(rows))
+    readings = _readings_of(values, curves.of(rows))
+    for i, row in enumerate(rows):
+        peaks[row] = Peak(crossing_hz=tuple(readings[i, 3].tolist()), crossing_slope=float(values[i, 0, 4]))
+    return peaks
 
 
 @dataclass(frozen=True)
@@ -533,23 +616,55 @@ class Readings:
     notes: tuple[str, ...]
 
 
+def by_repeat(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a column of a response, (p, f, r), with one row for each pretension and repeat, (p·r, f)."""
+    return np.swapaxes(values, 1, 2).reshape(-1, values.shape[1])
+
+
 def read_resonances(response: Response) -> Readings:
     """Return the resonance of every pretension and repeat, each fitted by itself."""
-    shape = (response.pretension_mm.size, response.transfer.shape[2])
-    value, std, freedom = ({name: np.full(shape, np.nan) for name in RESONANCES} for _ in range(3))
-    shared = {name: np.full(shape, np.nan) for name in RESONANCES}
+    shape, f = (response.pretension_mm.size, response.transfer.shape[2]), response.frequency_hz
+    columns = {name: by_repeat(values) for name, values in response.columns.items()}
+    transfer, nominal_transfer = by_repeat(response.transfer), by_repeat(response.nominal_transfer)
+    harmonic = columns["gain_harmonic"]
+    over_fundamental = np.divide(columns["gain"], harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
+    stds = by_repeat(response.nominal_gain_std), by_repeat(response.nominal_phase_std)
+    by_drive = transfer, columns["gain_measured_drive_std"] / columns["gain_measured_drive"], columns["phase_std_rad"]
+    # The mean of peaks over the nominal drive (Eq. 6) is taken at the fundamental's angles.
+    curves = zip((nominal_transfer * over_fundamental, *stds), (nominal_transfer, *stds), by_drive, strict=True)
+    peaks, count = find_peaks(f, *map(np.concatenate, curves)), harmonic.shape[0]
+    paper, nominal, measured = peaks[:count], peaks[count : 2 * count], peaks[2 * count :]
+    crossing = measured.copy()
+    absent = [row for row, peak in enumerate(measured) if not math.isfinite(peak.crossing_hz[0])]
+    if absent:
+        for row, peak in zip(absent, find_crossings(f, *(values[absent] for values in by_drive)), strict=True):
+            crossing[row] = peak
+    told = {
+        "paper_resonance_hz": _told(paper, "frequency_hz", "frequency_misfit_hz"),
+        "paper_gain_peak": _told(paper, "gain", "gain_misfit"),
+        "resonance_hz": _told(nominal, "frequency_hz", "frequency_misfit_hz"),
+        "resonance_measured_drive_hz": _told(measured, "frequency_hz", "frequency_misfit_hz"),
+        "gain_peak_measured_drive": _told(measured, "gain", "gain_misfit"),
+        "half_power_width_hz": _told(measured, "width_hz"),
+    }
+    at = told["resonance_hz"]
+    gain, gain_std, freedom, misfit = _told(nominal, "gain", "gain_misfit")
+    ratio, ratio_std = _local(f, over_fundamental, at[0])
+    told["gain_peak"] = gain * ratio, np.hypot(gain_std * ratio, gain * ratio_std), freedom, misfit
+    where, *rest, slope = _told(crossing, "crossing_hz", "crossing_slope")
+    late = read_each(f, columns["phase_delay_std_rad"], where, LINE, fewest=2)
+    of_delay = np.divide(late, np.abs(slope), out=np.zeros_like(late), where=np.isfinite(late) & (slope != 0))
+    told["phase_90_hz"] = where, *rest, of_delay
+    lever = columns["drive_amplitude_rad"] * np.exp(1j * np.angle(nominal_transfer * transfer.conj()))
+    told["drive_amplitude_at_resonance_rad"] = _drive_at(f, lever, columns["drive_amplitude_std_rad"], at)
+    parts = [{name: told[name][i].reshape(shape) for name in RESONANCES} for i in range(4)]
     notes = []
-    for p, r in np.ndindex(*shape):
-        paper, *peaks = _peaks(response, p, r)
-        for name, reading in _readings(response, p, r, paper, *peaks).items():
-            value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
-        for name, share in _shared(response, p, r, paper, *peaks).items():
-            shared[name][p, r] = share
-        used = peaks[1:] if math.isfinite(peaks[0].frequency_hz[0]) else peaks  # no one asks for a nominal width
-        said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
-        if said and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
-            notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {said}")
-    return Readings(value, std, freedom, shared, tuple(notes))
+    for (p, r), *said in zip(np.ndindex(*shape), nominal, measured, crossing, strict=True):
+        used = said[1:] if math.isfinite(said[0].frequency_hz[0]) else said  # no one asks for a nominal width
+        reasons = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
+        if reasons and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
+            notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {reasons}")
+    return Readings(parts[0], parts[1], parts[2], parts[3], tuple(notes))
 
 
 def estimate_resonance(response: Response, readings: Readings | None = None) -> xr.Dataset:
@@ -573,124 +688,86 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     return xr.Dataset(variables, attrs={"resonance_notes": "\n".join(found.notes)})
 
 
-def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak, Peak]:
-    """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles, the peaks by
-    nominal and by measured drive, and the one that holds the 90° crossing."""
-    f, columns = response.frequency_hz, response.columns
-    stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
-    nominal = find_peak(f, response.nominal_transfer[p, :, r], *stds)
-    paper = find_peak(f, response.nominal_transfer[p, :, r] * _peaks_over_fundamental(response, p, r), *stds)
-    transfer = response.transfer[p, :, r]
-    relative = columns["gain_measured_drive_std"][p, :, r] / columns["gain_measured_drive"][p, :, r]
-    stds = (relative, columns["phase_std_rad"][p, :, r])
-    measured = find_peak(f, transfer, *stds)
-    crossing = measured if math.isfinite(measured.crossing_hz[0]) else find_crossing(f, transfer, *stds)
-    return paper, nominal, measured, crossing
+Told = tuple[Array, Array, Array, Array]
+"""Value, standard deviation, its degrees of freedom, and the standard uncertainty that repeats share: (k,) each."""
 
 
-def _peaks_over_fundamental(response: Response, p: int, r: int) -> Array:
-    """Return the mean of peaks over the fundamental, shape (f,); NaN where nothing swings."""
-    peaks, harmonic = response.columns["gain"][p, :, r], response.columns["gain_harmonic"][p, :, r]
-    return np.divide(peaks, harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
+def _told(peaks: list[Peak], reading: str, shared: str = "") -> Told:
+    """Return a reading of peaks by its name, beside another field of theirs."""
+    rows = [(*getattr(peak, reading), getattr(peak, shared) if shared else math.nan) for peak in peaks]
+    value, std, freedom, common = np.array(rows, dtype=float).T
+    return value, std, freedom, common
 
 
-def _readings(
-    response: Response, p: int, r: int, paper: Peak, nominal: Peak, measured: Peak, crossing: Peak
-) -> dict[str, Reading]:
-    """Return the readings of one pretension and repeat by name."""
-    at = nominal.frequency_hz[0]
-    ratio, ratio_std = _local(response.frequency_hz, _peaks_over_fundamental(response, p, r), at)
-    peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
-    drive = _drive_at(response, p, r, nominal)
-    return {
-        "paper_resonance_hz": paper.frequency_hz,
-        "paper_gain_peak": paper.gain,
-        "resonance_hz": nominal.frequency_hz,
-        "gain_peak": (nominal.gain[0] * ratio, peak_std, nominal.gain[2]),
-        "resonance_measured_drive_hz": measured.frequency_hz,
-        "gain_peak_measured_drive": measured.gain,
-        "phase_90_hz": crossing.crossing_hz,
-        "half_power_width_hz": measured.width_hz,
-        "drive_amplitude_at_resonance_rad": (drive.value, math.hypot(drive.std, drive.misfit), nominal.frequency_hz[2]),
-    }
+LINE = partial(scipy.interpolate.make_interp_spline, k=1)
 
 
-def _shared(
-    response: Response, p: int, r: int, paper: Peak, nominal: Peak, measured: Peak, crossing: Peak
-) -> dict[str, float]:
-    """Return the standard uncertainties that the repeats share, by name of the reading."""
-    return {
-        "paper_resonance_hz": paper.frequency_misfit_hz,
-        "paper_gain_peak": paper.gain_misfit,
-        "resonance_hz": nominal.frequency_misfit_hz,
-        "gain_peak": nominal.gain_misfit,
-        "resonance_measured_drive_hz": measured.frequency_misfit_hz,
-        "gain_peak_measured_drive": measured.gain_misfit,
-        "phase_90_hz": _delay_share(response, p, r, crossing),
-        "drive_amplitude_at_resonance_rad": _drive_at(response, p, r, nominal).misfit,
-    }
+def read_each(
+    x: Array,
+    values: NDArray[Any],
+    where: Array,
+    curve: Any = scipy.interpolate.CubicSpline,
+    *,
+    fewest: int = 4,
+    derivative: int = 0,
+) -> NDArray[Any]:
+    """Return what each row (k, n) of values at x (n,), NaN left out, is at a place of its own, (k,).
+
+    NaN with fewer known points than the fewest, and outside of them. curve: takes x, values and `axis`, and gives a
+    function of place and order of derivative.
+    """
+    out = np.full(where.shape, np.nan, dtype=values.dtype)
+    for rows, known in alike(np.isfinite(values)):
+        if known.sum() >= fewest:
+            inside = rows[(where[rows] >= x[known][0]) & (where[rows] <= x[known][-1])]
+            through = curve(x[known], values[np.ix_(inside, known)], axis=1)
+            out[inside] = np.diagonal(through(where[inside], derivative))
+    return out
 
 
-class _DriveThere(NamedTuple):
-    """The drive's amplitude at a resonance [rad], its standard deviation by noise, and what the grid leaves open."""
+def alike(known: Mask) -> Iterator[tuple[NDArray[np.intp], Mask]]:
+    """Yield the numbers of those rows of (k, n) that know the same points, and the points, (n,)."""
+    patterns, which = np.unique(known, axis=0, return_inverse=True)
+    for number, pattern in enumerate(patterns):
+        yield np.flatnonzero(which == number), pattern
 
-    value: float
-    std: float
-    misfit: float
 
+def _drive_at(f: Array, lever: Complexes, own: Array, peak: Told) -> Told:
+    """Return the measured drive amplitude at peaks [rad]; repeats share what the grid leaves open.
 
-def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
-    """Return the measured drive amplitude at a peak.
-
+    lever: complex amplitude of the drive, (k, f); own: standard deviation of its size, (k, f).
     The lever gives way where the joint swings most, so that its amplitude over frequency is a V whose floor lies at the
     resonance, between two points of the grid. As a complex amplitude it passes smoothly: that is what is interpolated,
     by a cubic spline, and its size is read. The misfit is the difference to Akima's spline, and what the misfit of the
     peak's frequency makes of the slope there.
     """
-    f, columns, where = response.frequency_hz, response.columns, peak.frequency_hz[0]
-    size, own = columns["drive_amplitude_rad"][p, :, r], columns["drive_amplitude_std_rad"][p, :, r]
-    turn = np.angle(response.nominal_transfer[p, :, r] * response.transfer[p, :, r].conj())
-    lever = size * np.exp(1j * turn)
-    known = np.isfinite(lever)
-    if not math.isfinite(where) or known.sum() < 4 or not f[known][0] <= where <= f[known][-1]:
-        return _DriveThere(math.nan, math.nan, math.nan)
-    x, y = f[known], lever[known]
-    spline = scipy.interpolate.CubicSpline(x, y)
+    where, std, freedom, misfit = peak
     akima = scipy.interpolate.Akima1DInterpolator
-    other = akima(x, y.real)(where) + 1j * akima(x, y.imag)(where)
-    value = abs(complex(spline(where)))
-    near = abs(complex(spline(where - 1e-4))), abs(complex(spline(where + 1e-4)))
-    slope = (near[1] - near[0]) / 2e-4
-    noise_hz = math.sqrt(max(peak.frequency_hz[1] ** 2 - peak.frequency_misfit_hz**2, 0.0))
-    noise = math.hypot(_at(f, own, where), slope * noise_hz)
-    return _DriveThere(value, noise, math.hypot(abs(other) - value, slope * peak.frequency_misfit_hz))
+    through = read_each(f, lever, where)
+    other = read_each(f, lever.real, where, akima) + 1j * read_each(f, lever.imag, where, akima)
+    value = np.abs(through)
+    slope = (read_each(f, lever, where, derivative=1) * through.conj()).real / value
+    noise_hz = np.sqrt(np.maximum(std**2 - misfit**2, 0.0))
+    noise = np.hypot(read_each(f, own, where, LINE, fewest=2), slope * noise_hz)
+    left_open = np.hypot(np.abs(other) - value, slope * misfit)
+    return value, np.hypot(noise, left_open), freedom, left_open
 
 
-def _local(frequency: Array, values: Array, where: float) -> tuple[float, float]:
-    """Return value and standard deviation, at a frequency, of a straight line through the six nearest points."""
-    valid = np.flatnonzero(np.isfinite(values))
-    if not math.isfinite(where) or valid.size < 3:
-        return _at(frequency, values, where), 0.0
-    near = valid[np.argsort(np.abs(frequency[valid] - where))[:6]]
-    design = np.stack([np.ones(near.size), frequency[near] - where], axis=1)
-    inverse = np.linalg.pinv(design)
-    line = inverse @ values[near]
-    residual = values[near] - design @ line
-    return float(line[0]), float(np.linalg.norm(inverse[0]) * np.sqrt((residual @ residual) / (near.size - 2)))
-
-
-def _at(frequency: Array, values: Array, where: float) -> float:
-    """Return a column at a frequency, linear between its finite points, NaN outside them."""
-    valid = np.isfinite(values)
-    if not math.isfinite(where) or not valid.any():
-        return math.nan
-    return float(np.interp(where, frequency[valid], values[valid], left=math.nan, right=math.nan))
-
-
-def _delay_share(response: Response, p: int, r: int, crossing: Peak) -> float:
-    """Return the standard uncertainty of the crossing from that of the delay [Hz]."""
-    lag = _at(response.frequency_hz, response.columns["phase_delay_std_rad"][p, :, r], crossing.crossing_hz[0])
-    return lag / abs(crossing.crossing_slope) if math.isfinite(lag) and crossing.crossing_slope else 0.0
+def _local(frequency: Array, values: Array, where: Array) -> tuple[Array, Array]:
+    """Return value and standard deviation, (k,), at frequencies (k,), of straight lines through the six nearest points
+    of each row (k, f)."""
+    known, place = np.isfinite(values), np.where(np.isfinite(where), where, frequency[0])
+    away = np.where(known, np.abs(frequency - place[:, None]), np.inf)
+    near = np.argsort(away, axis=1, kind="stable")[:, :6]
+    held, y, x = (np.take_along_axis(each, near, axis=1) for each in (known, values, frequency - place[:, None]))
+    inverse = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=2) * held[:, :, None])
+    y = np.where(held, y, 0.0)
+    line = (inverse @ y[:, :, None])[:, :, 0]
+    squares = (held * (y - line[:, :1] - line[:, 1:] * x) ** 2).sum(axis=1)
+    count = held.sum(axis=1)
+    std = np.linalg.norm(inverse[:, 0], axis=1) * np.sqrt(squares / np.maximum(count - 2, 1))
+    few, usable = read_each(frequency, values, where, LINE, fewest=2), (count >= 3) & np.isfinite(where)
+    return np.where(usable, line[:, 0], few), np.where(usable, std, 0.0)
 
 
 def interval_variables(name: str, interval: Interval) -> dict[str, xr.Variable]:
