@@ -1,5 +1,6 @@
 """Harmonics of a known frequency, fitted with the noise that is really there."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,11 @@ class Harmonics:
     sidebands: Complexes
 
 
-def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonics:
+def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, waves: Array | None = None) -> Harmonics:
     """Return offset, slope, the fundamental and harmonics 2 to 5 of records of equal length, by least squares.
 
     time_s: stamps as they are, jitter included, shape (s, n). signal: shape (s, q, n). frequency_hz: shape (s,).
+    waves: `harmonic_waves` of the same records, from who needs them, too.
 
     The standard deviations come from the residual's own spectrum: on the grid of whole cycles per record the residual
     is projected on the twelve lines nearest to each harmonic that are no harmonic themselves. What noise puts there it
@@ -54,7 +56,9 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonic
     if count < 1 or (span * frequency_hz).min() < 0.8 or samples < 2 * count + 6:
         raise ValueError(f"{samples} samples over {float(span.min()):g} s cannot hold harmonics of the drive")
     periods = np.maximum(1, np.rint(span * frequency_hz)).astype(int)
-    reference = 0.5 * (time_s[:, 0] + time_s[:, -1])
+    reference = _middle(time_s)
+    if waves is None:
+        waves = harmonic_waves(time_s, frequency_hz)
     shape = (records, signal.shape[1])
     parts = {
         "coefficient": np.full((*shape, HARMONICS), np.nan + 0j),
@@ -67,9 +71,8 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonic
     }
     for whole in np.unique(periods):
         for rows in np.array_split(np.flatnonzero(periods == whole), -(-int((periods == whole).sum()) // 64)):
-            batch = _fit_batch(
-                time_s[rows] - reference[rows, None], signal[rows], frequency_hz[rows], int(whole), count
-            )
+            elapsed = time_s[rows] - reference[rows, None]
+            batch = _fit_batch(elapsed, signal[rows], waves[rows, :, :count], frequency_hz[rows], int(whole))
             for name, values in zip(parts, batch, strict=True):
                 if name in ("coefficient", "std"):
                     parts[name][rows, :, :count] = values
@@ -78,29 +81,31 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonic
     return Harmonics(frequency_hz, reference, **parts)
 
 
-def _fit_batch(time: Array, signal: Array, frequency: Array, whole: int, count: int) -> tuple[NDArray[np.generic], ...]:
+def _fit_batch(
+    time: Array, signal: Array, waves: Array, frequency: Array, whole: int
+) -> tuple[NDArray[np.generic], ...]:
     """Return the fields from coefficient to sidebands of records with one number of whole periods."""
-    samples = time.shape[1]
+    (records, samples), count = time.shape, waves.shape[2]
     lines = _line_numbers(whole, count, int(_NYQUIST_SHARE * samples))
-    carrier = np.exp(2j * np.pi * frequency[:, None] * time)
-    waves = np.stack([carrier**h for h in range(1, count + 1)], axis=1)
     half = 0.5 * (time[:, -1] - time[:, 0])[:, None]
-    trend = np.stack([np.ones_like(time), time / half], axis=1)
-    design = np.concatenate([trend, waves.real, -waves.imag], axis=1)
-    moments = signal @ design.transpose(0, 2, 1)
-    solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments.transpose(0, 2, 1)).transpose(0, 2, 1)
-    coefficient = solution[:, :, 2 : 2 + count] + 1j * solution[:, :, 2 + count :]
+    ramp = time / half
+    design = np.empty((records, 2 + 2 * count, samples))
+    design[:, 0], design[:, 1], design[:, 2:] = 1.0, ramp, waves.reshape(records, 2 * count, samples)
+    moments = design @ signal.transpose(0, 2, 1)
+    solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments).transpose(0, 2, 1)
+    coefficient = solution[:, :, 2 : 2 + count] - 1j * solution[:, :, 2 + count :]
     residual = signal - solution @ design
 
-    ramp = trend[:, 1]
     power = (ramp**2).sum(axis=1)[:, None]
-    growth = 2.0 * np.einsum("sqn,sn->sq", residual, ramp * waves[:, 0].conj()) / power
+    swelling = residual @ (ramp[:, None] * waves[:, :, 0]).transpose(0, 2, 1)
+    growth = 2.0 * (swelling[:, :, 0] - 1j * swelling[:, :, 1]) / power
     if lines.size < 4:
         variance = np.repeat(2.0 * (residual**2).mean(axis=2)[:, :, None] / (samples - design.shape[1]), count, axis=2)
         floor, sidebands = variance[:, :, 0], np.full((*signal.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
     else:
-        amplitudes = _line_amplitudes(residual, time * frequency[:, None] / whole, lines)
-        sidebands, spectrum = _sidebands(amplitudes, lines, whole), np.abs(amplitudes) ** 2
+        turn = 2.0 * np.pi * time * frequency[:, None] / whole
+        amplitudes = _line_amplitudes(residual, turn, int(lines[-1]))[:, :, lines]
+        sidebands, spectrum = _sidebands(amplitudes, lines, whole), amplitudes.real**2 + amplitudes.imag**2
         nearest = [np.argsort(np.abs(lines - h * whole), kind="stable")[:_LINES] for h in range(1, count + 1)]
         variance = np.stack([0.5 * spectrum[:, :, rows].mean(axis=2) for rows in nearest], axis=2)
         floor = 0.5 * np.median(spectrum[:, :, nearest[0]], axis=2) / np.log(2.0)
@@ -123,17 +128,31 @@ def _line_numbers(whole: int, count: int, highest: int) -> NDArray[np.int64]:
     return np.asarray(numbers[~is_harmonic & (numbers <= highest)], dtype=np.int64)
 
 
-def _line_amplitudes(residual: Array, cycles: Array, lines: NDArray[np.int64]) -> Complexes:
-    """Return 2/n Σ r exp(-2πi k c) at the lines k, shape (s, q, lines)."""
-    step = np.exp(-2j * np.pi * cycles)
-    wave, number = step ** int(lines[0]), int(lines[0])
-    amplitudes = np.empty((*residual.shape[:2], lines.size), dtype=complex)
-    for column, line in enumerate(lines):
-        while number < line:
-            wave = wave * step
-            number += 1
-        amplitudes[:, :, column] = 2.0 / residual.shape[2] * np.einsum("sqn,sn->sq", residual, wave)
-    return amplitudes
+def _line_amplitudes(residual: Array, turn: Array, highest: int) -> Complexes:
+    """Return 2/n Σ r exp(-ikψ) at the lines k = 0..highest, at least, shape (s, q, lines).
+
+    turn: ψ, (s, n). A line is k = mw ± b, b <= w/2, w odd: the residual is turned back by mw, and what that gives by b,
+    which takes about √k waves of each kind instead of k.
+    """
+    (records, signals, samples), side = residual.shape, math.isqrt(highest) // 2
+    width = 2 * side + 1
+    steps = 1 + (highest + side) // width
+    fine = _with_constant(multiples(turn, side))
+    coarse = _with_constant(multiples(width * turn, steps - 1))
+    turned = (residual[:, :, None] * coarse[:, None]).reshape(records, signals * coarse.shape[1], samples)
+    sums = (turned @ fine.transpose(0, 2, 1)).reshape(records, signals, coarse.shape[1], fine.shape[1])
+    cosine, sine = sums[:, :, :steps], np.pad(sums[:, :, steps:], ((0, 0), (0, 0), (1, 0), (0, 0)))
+    even = cosine[..., : side + 1] - 1j * sine[..., : side + 1]
+    odd = sine[..., side + 1 :] + 1j * cosine[..., side + 1 :]
+    centre, beside = even[..., :1], even[..., 1:]
+    found = np.concatenate([(beside + odd)[..., ::-1], centre, beside - odd], axis=3)
+    return np.asarray(2.0 / samples * found.reshape(records, signals, steps * width)[:, :, side:])
+
+
+def _with_constant(waves: Array) -> Array:
+    """Return waves (s, 2, h, n) with that of h = 0 before them, (s, 1 + 2h, n)."""
+    records, _, count, samples = waves.shape
+    return np.concatenate([np.ones((records, 1, samples)), waves.reshape(records, 2 * count, samples)], axis=1)
 
 
 def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> Complexes:
@@ -178,13 +197,46 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
     return amplitude, phase
 
 
+def multiples(angle: Array, count: int) -> Array:
+    """Return cos hψ and sin hψ, h = 1..count, for angles ψ of shape (..., n): shape (..., 2, h, n).
+
+    The first by the half angle's tangent, which NumPy has in vector registers where it has neither sine nor cosine; the
+    others by Chebyshev's recurrence, whose round-off grows as h².
+    """
+    out = np.empty((*angle.shape[:-1], 2, count, angle.shape[-1]))
+    if count:
+        half = np.tan(0.5 * angle)
+        square = half * half
+        out[..., 0, 0, :] = (1.0 - square) / (1.0 + square)
+        out[..., 1, 0, :] = 2.0 * half / (1.0 + square)
+    twice = 2.0 * out[..., :1, 0, :]
+    for h in range(1, count):
+        np.multiply(twice, out[..., h - 1, :], out=out[..., h, :])
+        out[..., h, :] -= out[..., h - 2, :] if h > 1 else [[1.0], [0.0]]
+    return out
+
+
+def harmonic_waves(time_s: Array, frequency_hz: Array) -> Array:
+    """Return cos and sin of hΩ(t - t₀), h = 1..5, of records with stamps (s, n) and frequencies (s,), (s, 2, h, n)."""
+    return multiples(2.0 * np.pi * frequency_hz[:, None] * (time_s - _middle(time_s)[:, None]), HARMONICS)
+
+
+def _middle(time_s: Array) -> Array:
+    """Return t₀ of each record: half way between its first stamp and its last."""
+    return 0.5 * (time_s[:, 0] + time_s[:, -1])
+
+
 def waveform(coefficient: Complexes, angle: Array) -> Array:
     """Return Re Σ X_h exp(jhψ) for coefficients (s, h), NaN harmonics left out, at phases ψ (s, n) or (n,)."""
-    turn, known = np.exp(1j * angle), np.nan_to_num(coefficient)
-    total = np.zeros(np.broadcast_shapes(angle.shape, (known.shape[0], 1)), dtype=complex)
-    for one in known.T[::-1]:
-        total = (total + one[:, None]) * turn
-    return total.real
+    return add_waves(coefficient, multiples(angle, coefficient.shape[1]))
+
+
+def add_waves(coefficient: Complexes, waves: Array) -> Array:
+    """Return `waveform` at phases whose `multiples` are known, (s, 2, h, n) or (2, h, n)."""
+    known = np.nan_to_num(coefficient)
+    parts = np.concatenate([known.real, -known.imag], axis=1)
+    flat = waves.reshape(*waves.shape[:-3], -1, waves.shape[-1])
+    return np.asarray(parts @ flat if flat.ndim == 2 else (parts[:, None] @ flat)[:, 0])
 
 
 def refine_frequency(time_s: Array, signal: Array, frequency_hz: float) -> float:
