@@ -12,6 +12,8 @@ HARMONICS = 5
 _LINES = 12
 _SIDEBANDS = 8
 _NYQUIST_SHARE = 0.45
+_BLOCK = 6000
+"""Samples that are fitted together, so that what is made of them stays in a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +40,11 @@ class Harmonics:
     sidebands: Complexes
 
 
-def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, waves: Array | None = None) -> Harmonics:
+def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, design: Array | None = None) -> Harmonics:
     """Return offset, slope, the fundamental and harmonics 2 to 5 of records of equal length, by least squares.
 
     time_s: stamps as they are, jitter included, shape (s, n). signal: shape (s, q, n). frequency_hz: shape (s,).
-    waves: `harmonic_waves` of the same records, from who needs them, too.
+    design: `harmonic_design` of the same records, from whoever needs it further.
 
     The standard deviations come from the residual's own spectrum: on the grid of whole cycles per record the residual
     is projected on the twelve lines nearest to each harmonic that are no harmonic themselves. What noise puts there it
@@ -57,8 +59,10 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, waves: Arra
         raise ValueError(f"{samples} samples over {float(span.min()):g} s cannot hold harmonics of the drive")
     periods = np.maximum(1, np.rint(span * frequency_hz)).astype(int)
     reference = _middle(time_s)
-    if waves is None:
-        waves = harmonic_waves(time_s, frequency_hz)
+    if design is None:
+        design = harmonic_design(time_s, frequency_hz)
+    if count < HARMONICS:
+        design = design[:, [0, 1, *range(2, 2 + count), *range(2 + HARMONICS, 2 + HARMONICS + count)]]
     shape = (records, signal.shape[1])
     parts = {
         "coefficient": np.full((*shape, HARMONICS), np.nan + 0j),
@@ -70,51 +74,50 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, waves: Arra
         "sidebands": np.full((*shape, _SIDEBANDS, 2), np.nan + 0j),
     }
     for whole in np.unique(periods):
-        for rows in np.array_split(np.flatnonzero(periods == whole), -(-int((periods == whole).sum()) // 64)):
-            elapsed = time_s[rows] - reference[rows, None]
-            batch = _fit_batch(elapsed, signal[rows], waves[rows, :, :count], frequency_hz[rows], int(whole))
+        same = np.flatnonzero(periods == whole)
+        for part in np.array_split(same, -(-same.size * samples // _BLOCK)):
+            rows = slice(part[0], part[-1] + 1) if part[-1] - part[0] < part.size else part
+            turn = 2.0 * np.pi / whole * frequency_hz[rows, None] * (time_s[rows] - reference[rows, None])
+            batch = _fit_batch(turn, signal[rows], design[rows], int(whole))
             for name, values in zip(parts, batch, strict=True):
                 if name in ("coefficient", "std"):
                     parts[name][rows, :, :count] = values
                 else:
                     parts[name][rows] = values
+    parts["slope"] /= 0.5 * (time_s[:, -1:] - time_s[:, :1])
     return Harmonics(frequency_hz, reference, **parts)
 
 
-def _fit_batch(
-    time: Array, signal: Array, waves: Array, frequency: Array, whole: int
-) -> tuple[NDArray[np.generic], ...]:
-    """Return the fields from coefficient to sidebands of records with one number of whole periods."""
-    (records, samples), count = time.shape, waves.shape[2]
+def _fit_batch(turn: Array, signal: Array, design: Array, whole: int) -> tuple[NDArray[np.generic], ...]:
+    """Return the fields from coefficient to sidebands of records with one number of whole periods, the slope per half
+    record; turn: one in the whole record, shape (s, n)."""
+    samples, count = design.shape[2], design.shape[1] // 2 - 1
     lines = _line_numbers(whole, count, int(_NYQUIST_SHARE * samples))
-    half = 0.5 * (time[:, -1] - time[:, 0])[:, None]
-    ramp = time / half
-    design = np.empty((records, 2 + 2 * count, samples))
-    design[:, 0], design[:, 1], design[:, 2:] = 1.0, ramp, waves.reshape(records, 2 * count, samples)
     moments = design @ signal.transpose(0, 2, 1)
     solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments).transpose(0, 2, 1)
     coefficient = solution[:, :, 2 : 2 + count] - 1j * solution[:, :, 2 + count :]
     residual = signal - solution @ design
 
+    ramp = design[:, 1]
     power = (ramp**2).sum(axis=1)[:, None]
-    swelling = residual @ (ramp[:, None] * waves[:, :, 0]).transpose(0, 2, 1)
+    swelling = residual @ (ramp[:, None] * design[:, 2 :: count]).transpose(0, 2, 1)
     growth = 2.0 * (swelling[:, :, 0] - 1j * swelling[:, :, 1]) / power
     if lines.size < 4:
         variance = np.repeat(2.0 * (residual**2).mean(axis=2)[:, :, None] / (samples - design.shape[1]), count, axis=2)
         floor, sidebands = variance[:, :, 0], np.full((*signal.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
     else:
-        turn = 2.0 * np.pi * time * frequency[:, None] / whole
         amplitudes = _line_amplitudes(residual, turn, int(lines[-1]))[:, :, lines]
         sidebands, spectrum = _sidebands(amplitudes, lines, whole), amplitudes.real**2 + amplitudes.imag**2
-        nearest = [np.argsort(np.abs(lines - h * whole), kind="stable")[:_LINES] for h in range(1, count + 1)]
-        variance = np.stack([0.5 * spectrum[:, :, rows].mean(axis=2) for rows in nearest], axis=2)
-        floor = 0.5 * np.median(spectrum[:, :, nearest[0]], axis=2) / np.log(2.0)
+        nearest = np.argsort(np.abs(lines - whole * np.arange(1, count + 1)[:, None]), kind="stable")[:, :_LINES]
+        of_harmonic = spectrum[:, :, nearest]
+        variance = 0.5 * of_harmonic.mean(axis=3)
+        floor = 0.5 * np.median(of_harmonic[:, :, 0], axis=2) / np.log(2.0)
     per_period = 2.0 / whole
     return (
         coefficient,
         np.sqrt(variance),
         solution[:, :, 0],
-        solution[:, :, 1] / half,
+        solution[:, :, 1],
         growth * per_period,
         np.sqrt(floor * samples / power) * per_period,
         sidebands,
@@ -131,28 +134,23 @@ def _line_numbers(whole: int, count: int, highest: int) -> NDArray[np.int64]:
 def _line_amplitudes(residual: Array, turn: Array, highest: int) -> Complexes:
     """Return 2/n Σ r exp(-ikψ) at the lines k = 0..highest, at least, shape (s, q, lines).
 
-    turn: ψ, (s, n). A line is k = mw ± b, b <= w/2, w odd: the residual is turned back by mw, and what that gives by b,
-    which takes about √k waves of each kind instead of k.
+    turn: ψ, (s, n). A line is k = mw ± b with b <= w/2, w odd: the residual is turned back by mw, and what that gives
+    by b, which takes about 2√k waves instead of k.
     """
     (records, signals, samples), side = residual.shape, math.isqrt(highest) // 2
     width = 2 * side + 1
     steps = 1 + (highest + side) // width
-    fine = _with_constant(multiples(turn, side))
-    coarse = _with_constant(multiples(width * turn, steps - 1))
+    fine, coarse = multiples(turn, side, 1), multiples(width * turn, steps - 1, 1)
+    fine[:, 0] = coarse[:, 0] = 1.0
     turned = (residual[:, :, None] * coarse[:, None]).reshape(records, signals * coarse.shape[1], samples)
     sums = (turned @ fine.transpose(0, 2, 1)).reshape(records, signals, coarse.shape[1], fine.shape[1])
-    cosine, sine = sums[:, :, :steps], np.pad(sums[:, :, steps:], ((0, 0), (0, 0), (1, 0), (0, 0)))
+    cosine, sine = sums[:, :, :steps], np.zeros((records, signals, steps, fine.shape[1]))
+    sine[:, :, 1:] = sums[:, :, steps:]
     even = cosine[..., : side + 1] - 1j * sine[..., : side + 1]
     odd = sine[..., side + 1 :] + 1j * cosine[..., side + 1 :]
     centre, beside = even[..., :1], even[..., 1:]
     found = np.concatenate([(beside + odd)[..., ::-1], centre, beside - odd], axis=3)
     return np.asarray(2.0 / samples * found.reshape(records, signals, steps * width)[:, :, side:])
-
-
-def _with_constant(waves: Array) -> Array:
-    """Return waves (s, 2, h, n) with that of h = 0 before them, (s, 1 + 2h, n)."""
-    records, _, count, samples = waves.shape
-    return np.concatenate([np.ones((records, 1, samples)), waves.reshape(records, 2 * count, samples)], axis=1)
 
 
 def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> Complexes:
@@ -197,28 +195,39 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
     return amplitude, phase
 
 
-def multiples(angle: Array, count: int) -> Array:
-    """Return cos hψ and sin hψ, h = 1..count, for angles ψ of shape (..., n): shape (..., 2, h, n).
+def multiples(angle: Array, count: int, before: int = 0) -> Array:
+    """Return cos hψ, h = 1..count, then sin hψ, of angles ψ (..., n), as rows: shape (..., 2h, n).
 
-    The first by the half angle's tangent, which NumPy has in vector registers where it has neither sine nor cosine; the
-    others by Chebyshev's recurrence, whose round-off grows as h².
+    before: how many rows stand before them, for the caller to fill. The first wave is by the tangent of the half angle,
+    which NumPy has in vector registers, where it has neither sine nor cosine; the others are by Chebyshev's recurrence,
+    whose round-off grows as h².
     """
-    out = np.empty((*angle.shape[:-1], 2, count, angle.shape[-1]))
+    out = np.empty((before + 2 * count, *angle.shape))
+    cosine, sine = waves = out[before:].reshape(2, count, *angle.shape)
     if count:
         half = np.tan(0.5 * angle)
         square = half * half
-        out[..., 0, 0, :] = (1.0 - square) / (1.0 + square)
-        out[..., 1, 0, :] = 2.0 * half / (1.0 + square)
-    twice = 2.0 * out[..., :1, 0, :]
+        np.divide(1.0 - square, 1.0 + square, out=cosine[0])
+        np.divide(2.0 * half, 1.0 + square, out=sine[0])
+        twice = 2.0 * cosine[0]
     for h in range(1, count):
-        np.multiply(twice, out[..., h - 1, :], out=out[..., h, :])
-        out[..., h, :] -= out[..., h - 2, :] if h > 1 else [[1.0], [0.0]]
-    return out
+        np.multiply(waves[:, h - 1], twice, out=waves[:, h])
+        if h > 1:
+            waves[:, h] -= waves[:, h - 2]
+        else:
+            cosine[h] -= 1.0
+    return np.moveaxis(out, 0, -2)
 
 
-def harmonic_waves(time_s: Array, frequency_hz: Array) -> Array:
-    """Return cos and sin of hΩ(t - t₀), h = 1..5, of records with stamps (s, n) and frequencies (s,), (s, 2, h, n)."""
-    return multiples(2.0 * np.pi * frequency_hz[:, None] * (time_s - _middle(time_s)[:, None]), HARMONICS)
+def harmonic_design(time_s: Array, frequency_hz: Array) -> Array:
+    """Return what is fitted to records with stamps (s, n) and frequencies (s,), shape (s, 12, n).
+
+    Rows: one, a ramp from -1 to 1, cos hΩ(t - t₀) for h = 1..5, and sin hΩ(t - t₀).
+    """
+    elapsed = time_s - _middle(time_s)[:, None]
+    design = multiples(2.0 * np.pi * frequency_hz[:, None] * elapsed, HARMONICS, 2)
+    design[:, 0], design[:, 1] = 1.0, elapsed / (0.5 * (time_s[:, -1:] - time_s[:, :1]))
+    return design
 
 
 def _middle(time_s: Array) -> Array:
@@ -232,11 +241,10 @@ def waveform(coefficient: Complexes, angle: Array) -> Array:
 
 
 def add_waves(coefficient: Complexes, waves: Array) -> Array:
-    """Return `waveform` at phases whose `multiples` are known, (s, 2, h, n) or (2, h, n)."""
+    """Return `waveform` at phases whose `multiples` are known, (s, 2h, n) or (2h, n)."""
     known = np.nan_to_num(coefficient)
     parts = np.concatenate([known.real, -known.imag], axis=1)
-    flat = waves.reshape(*waves.shape[:-3], -1, waves.shape[-1])
-    return np.asarray(parts @ flat if flat.ndim == 2 else (parts[:, None] @ flat)[:, 0])
+    return np.asarray(parts @ waves if waves.ndim == 2 else (parts[:, None] @ waves)[:, 0])
 
 
 def refine_frequency(time_s: Array, signal: Array, frequency_hz: float) -> float:
