@@ -124,11 +124,12 @@ def hidden_quantisation(budget: DelayBudget, frequency_hz: NDArray[np.float64], 
     drive, and the residual knows nothing of them. They are lsb/√12 times √(2/m), m halved where it is even since
     rounding treats both half waves alike. Zero where no phase comes twice, for then the residual holds them.
     """
-    turns = frequency_hz[:, None] / budget.sample_hz * np.arange(1, samples)
+    different, which = np.unique(frequency_hz, return_inverse=True)
+    turns = different[:, None] / budget.sample_hz * np.arange(1, samples)
     same = np.abs(turns - np.rint(turns)) * samples / np.arange(1, samples) < _REPEATS
     distinct = np.argmax(same, axis=1) + 1
     distinct = np.where(distinct % 2 == 0, distinct // 2, distinct)
-    return np.where(same.any(axis=1), budget.drive_lsb_rad * np.sqrt(2.0 / (12.0 * distinct)), 0.0)
+    return np.where(same.any(axis=1), budget.drive_lsb_rad * np.sqrt(2.0 / (12.0 * distinct)), 0.0)[which]
 
 
 @dataclass(frozen=True)
