@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, add_waves, fit_harmonics, harmonic_design, waveform
-from sinew.analysis.signal.signals import Channel, Signals, drive_chain, read_signals, torsion_chain
+from sinew.analysis.signal.signals import Channel, Signals, by_length, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import quaternion, swing_of, torsion_of, turned_about_x
 from sinew.measure.errors import RecordingError
@@ -299,10 +299,7 @@ def measure_lever(recording: xr.Dataset, rig: "RigSpec | None" = None) -> LeverM
     frequency, column = np.unique([segment.frequency_hz for segment, _ in steady], return_inverse=True)
     found = np.zeros((pretension.size, frequency.size, HARMONICS), dtype=complex)
     count = np.zeros((pretension.size, frequency.size))
-    starts, sizes = (np.array(ends) for ends in ([w.start for _, w in steady], [w.stop - w.start for _, w in steady]))
-    for size in np.unique(sizes):
-        mine = np.flatnonzero(sizes == size)
-        samples = starts[mine][:, None] + np.arange(size)
+    for mine, samples in by_length([where for _, where in steady]):
         hertz = frequency[column[mine]]
         try:
             fitted = fit_harmonics(signals.time_s[samples], drive.values[samples][:, None], hertz)

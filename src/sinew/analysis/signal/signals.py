@@ -1,7 +1,7 @@
 """Signals of a recording: channels, the sensors' delays, segments and motors, read once at the door and passed on."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -201,6 +201,15 @@ def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) 
         recording.attrs,
         pose,
     )
+
+
+def by_length(stretches: Sequence[slice]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield which stretches have one length, (s,), with the numbers of their samples, (s, n), the shortest first."""
+    starts = np.array([one.start for one in stretches], dtype=np.int64)
+    sizes = np.array([one.stop for one in stretches], dtype=np.int64) - starts
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size)
+        yield rows, starts[rows, None] + np.arange(size)
 
 
 def _pose_of(segments: list[Segment]) -> RestPose | None:

@@ -21,7 +21,14 @@ from sinew.analysis.signal.harmonics import (
     relative_noise,
 )
 from sinew.analysis.signal.power import power_columns
-from sinew.analysis.signal.signals import Signals, drive_chain, hidden_quantisation, read_signals, torsion_chain
+from sinew.analysis.signal.signals import (
+    Signals,
+    by_length,
+    drive_chain,
+    hidden_quantisation,
+    read_signals,
+    torsion_chain,
+)
 from sinew.analysis.sweep.portrait import lissajous_phase
 from sinew.measure.arrays import Array, Complexes, mean_and_spread, wrapped_lag
 from sinew.measure.errors import RecordingError
@@ -127,13 +134,11 @@ def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[
         channels.append(signals.drive.values)
         if "drive_command_rad" in signals.recorded and signals.drive.unit == "rad":
             channels.append(signals.recorded["drive_command_rad"].astype(float))
-    sizes = np.array([where.stop - where.start for _, where in steady])
-    for size in np.unique(sizes):
-        rows = np.flatnonzero(sizes == size)
-        samples = np.array([steady[row][1].start for row in rows])[:, None] + np.arange(size)
-        frequency, nominal = np.array([[steady[i][0].frequency_hz, steady[i][0].amplitude_deg] for i in rows]).T
+    asked = np.array([[segment.frequency_hz, math.radians(segment.amplitude_deg)] for segment, _ in steady])
+    for rows, samples in by_length([where for _, where in steady]):
+        frequency, nominal = asked[rows].T
         sampled = np.stack([channel[samples] for channel in channels], axis=1)
-        yield _Batch(rows, samples, signals.time_s[samples], frequency, np.deg2rad(nominal), sampled)
+        yield _Batch(rows, samples, signals.time_s[samples], frequency, nominal, sampled)
 
 
 def _measured(
