@@ -366,8 +366,8 @@ def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
     for rows, samples in by_length([where for _, where in sweep.groups]):
         turns = gyro[samples].astype(float)
         turns -= turns[:, :1]  # a channel that stands still is then none
-        of_axes = turns.transpose(0, 2, 1)
-        squares[rows] = np.diagonal(of_axes @ turns, axis1=1, axis2=2) - turns.sum(axis=1) ** 2 / samples.shape[1]
+        sums = np.ones(samples.shape[1]) @ turns
+        squares[rows] = np.diagonal(turns.transpose(0, 2, 1) @ turns, axis1=1, axis2=2) - sums**2 / samples.shape[1]
     for (place, _), (along, y, z) in zip(sweep.groups, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True):
         ratio[place] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
     yield from sweep.gather(
@@ -456,12 +456,12 @@ def _damping_doubts(results: xr.Dataset, rig: "RigSpec", expected: Mapping[str, 
     if "damping_ratio" not in results:
         return
     ratio, own = results["damping_ratio"].values, results["damping_ratio_std"].values
+    pretension, hertz = results["pretension_mm"].values, results["decay_frequency_hz"].values
     outside: list[tuple[float, Place, str]] = []
     far: list[tuple[float, Place, str]] = []
     for at in np.argwhere(np.isfinite(ratio)):
         p, r = int(at[0]), int(at[1])
-        mm, value = float(results["pretension_mm"].values[p]), float(ratio[p, r])
-        frequency = float(results["decay_frequency_hz"].values[p, r])
+        mm, value, frequency = float(pretension[p]), float(ratio[p, r]), float(hertz[p, r])
         place = Place(mm, math.nan, r)
         low, high = possible_damping(rig, frequency)
         relative = math.hypot(_LOSS_STD, _ratio(float(own[p, r]), value))
@@ -540,7 +540,7 @@ def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Arr
         )
     step = float(np.median(np.diff(time)))
     for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
-        longest = int(_longest_rows(values[:, None], [slice(0, values.size)], _near(values[:, None]))[0])
+        longest = int(_longest_rows(values[:, None], np.array([[0, values.size]]), _near(values[:, None]))[0])
         if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
             found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
     return found
@@ -573,11 +573,11 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
         if name in recorded and (name == "drive_rad" or np.ptp(recorded[name]) > 0):
             channels.append((name, words, recorded[name][:, None], 1.0))
     moving = list(_moving(signals))
+    driven = [row for row in moving if row[0].kind == "steady"]  # in a ring-down the lever stands
     for _, words, values, share in channels:
-        # where share is one the lever stands in a ring-down
-        looked = [row for row in moving if share < 1.0 or row[0].kind == "steady"]
+        looked = moving if share < 1.0 else driven
         needed = np.maximum(_FROZEN_SAMPLES, share * rate / np.array([segment.frequency_hz for segment, _ in looked]))
-        longest = _rows_beyond(values, [where for _, where in looked], needed)
+        longest = _rows_beyond(values, np.array([(one.start, one.stop) for _, one in looked]).reshape(-1, 2), needed)
         rows: list[tuple[float, Place, str]] = []
         for one in np.flatnonzero(longest):
             segment, _ = looked[one]
@@ -600,16 +600,17 @@ def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
             yield segment, slice(where.start, min(where.stop, where.start + round(signals.budget.sample_hz)))
 
 
-def _rows_beyond(values: Array, stretches: list[slice], needed: Array) -> NDArray[np.int64]:
+def _rows_beyond(values: Array, stretches: NDArray[np.int64], needed: Array) -> NDArray[np.int64]:
     """Return how many samples in a row repeat one value, at most, in each stretch, zero where not more than needed.
 
-    values: (n, axes). needed: (k,), not below `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one
+    values: (n, axes). stretches: first sample and the one after the last, (k, 2). needed: (k,), not below
+    `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one
     before, hence m // 4 neighbours among every fourth sample: where these are missing, nothing else is looked at.
     """
-    near, out = _near(values), np.zeros(len(stretches), dtype=np.int64)
+    near, out = _near(values), np.zeros(needed.size, dtype=np.int64)
     fewest = needed.astype(np.int64) // _FROZEN_STRIDE
     maybe = np.flatnonzero(_longest_rows(values, stretches, near, _FROZEN_STRIDE) > fewest)
-    out[maybe] = _longest_rows(values, [stretches[one] for one in maybe], near)
+    out[maybe] = _longest_rows(values, stretches[maybe], near)
     return np.where(out > needed, out, 0)
 
 
@@ -619,17 +620,21 @@ def _near(values: Array) -> list[float]:
     return [_SAME * max(abs(float(column.max())), abs(float(column.min()))) for column in values.T]
 
 
-def _longest_rows(values: Array, stretches: list[slice], near: list[float], stride: int = 1) -> NDArray[np.int64]:
+def _longest_rows(
+    values: Array, stretches: NDArray[np.int64], near: list[float], stride: int = 1
+) -> NDArray[np.int64]:
     """Return how many samples in a row equal the one before, at most, and one, in each stretch, (k,).
 
     values: (n, axes), which are to be equal on all of them. stride: each so many samples of a stretch, its first not
     among them, are looked at and counted.
     """
-    starts, stops = (np.array([getattr(one, end) for one in stretches], int) for end in ("start", "stop"))
+    starts, stops = stretches.T
     sizes = -(-(stops - starts) // stride)
     begins = np.cumsum(sizes) - sizes
     at = np.repeat(starts - stride * begins, sizes) + stride * np.arange(sizes.sum())
-    found = np.setdiff1d(np.arange(at.size), begins, assume_unique=True)
+    is_looked = np.ones(at.size, dtype=bool)
+    is_looked[begins] = False
+    found = np.flatnonzero(is_looked)
     for column, tolerance in zip(values.T, near, strict=True):  # few are left for the second
         found = found[np.abs(column[at[found]] - column[at[found] - 1]) <= tolerance]
     same = np.zeros(at.size + 1, dtype=bool)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
 
 _REPEATS = 1e-3
+_MANY = 4096
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,19 @@ def sample_rate(recording: xr.Dataset) -> float:
     inside[np.cumsum(recording["row_size"].values)[:-1] - 1] = False
     if not inside.any():
         raise TimeError("no segment holds two samples, so there is no sample rate; record longer segments")
-    return float(1.0 / np.median(steps[inside]))
+    return 1.0 / _median(steps[inside])
+
+
+def _median(values: Array) -> float:
+    """Return the median; of many values by ordering the few that a sample of them has it among."""
+    below, few, middle = 0, values, (values.size - 1) // 2
+    if values.size > _MANY:
+        low, high = np.quantile(values[:: values.size // _MANY], [0.47, 0.53])
+        below, few = int(np.count_nonzero(values < low)), values[(values >= low) & (values <= high)]
+    if not below <= middle < below + few.size - 1:
+        below, few = 0, values
+    pair = [middle - below, values.size // 2 - below]
+    return float(np.partition(few, pair)[pair].mean())
 
 
 def delay_budget(recording: xr.Dataset, rig: "RigSpec | None") -> DelayBudget:
