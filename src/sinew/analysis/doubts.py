@@ -364,7 +364,7 @@ def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
         return
     ratio, squares = np.zeros(size.shape), np.empty((len(sweep.groups), 3))
     for rows, samples in by_length([where for _, where in sweep.groups]):
-        turns = gyro[samples].astype(float)
+        turns = gyro.take(samples, axis=0).astype(float)
         turns -= turns[:, :1]  # a channel that stands still is then none
         sums = np.ones(samples.shape[1]) @ turns
         squares[rows] = np.diagonal(turns.transpose(0, 2, 1) @ turns, axis1=1, axis2=2) - sums**2 / samples.shape[1]
@@ -649,7 +649,7 @@ def _means(values: NDArray[Any], stretches: list[slice]) -> Array:
     """Return the mean of all that was recorded in each stretch, (k,)."""
     out = np.empty(len(stretches))
     for rows, samples in by_length(stretches):
-        out[rows] = values[samples].reshape(rows.size, -1).mean(axis=1)
+        out[rows] = values.take(samples, axis=0).reshape(rows.size, -1).mean(axis=1)
     return out
 
 

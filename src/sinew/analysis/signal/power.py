@@ -93,7 +93,11 @@ def read_power(signals: Signals, where: slice | NDArray[np.int64] = slice(None))
     where: samples, or their numbers in an array of any shape, which is that of the powers then.
     """
     rig, names = signals.rig, ("drive_pwm", "drive_current_a", "supply_v", "tendon_pwm", "tendon_current_a")
-    recorded = {name: signals.recorded[name][where].astype(float) for name in names if name in signals.recorded}
+    columns = {name: signals.recorded[name] for name in names if name in signals.recorded}
+    if isinstance(where, slice):
+        recorded = {name: values[where].astype(float) for name, values in columns.items()}
+    else:  # a hundred bytes at once are taken ten times as fast as they are indexed
+        recorded = {name: values.take(where, axis=0).astype(float) for name, values in columns.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
     supply = recorded.get("supply_v", rig.drive.supply_voltage.value)
