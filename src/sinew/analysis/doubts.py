@@ -583,8 +583,8 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
             segment, _ = looked[one]
             place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
             text = (
-                f"{words} repeats one value for {longest[one] / rate:.2g} s at {place}, while the lever is driven: look "
-                "at the sensor, its cable and its firmware"
+                f"{words} repeats one value for {longest[one] / rate:.2g} s at {place}, while the lever is driven: "
+                "look at the sensor, its cable and its firmware"
             )
             rows.append((float(DOUBTED_FROM * longest[one] / needed[one]), place, text))
         yield from _worst("frozen", rows, len(looked))
@@ -620,9 +620,7 @@ def _near(values: Array) -> list[float]:
     return [_SAME * max(abs(float(column.max())), abs(float(column.min()))) for column in values.T]
 
 
-def _longest_rows(
-    values: Array, stretches: NDArray[np.int64], near: list[float], stride: int = 1
-) -> NDArray[np.int64]:
+def _longest_rows(values: Array, stretches: NDArray[np.int64], near: list[float], stride: int = 1) -> NDArray[np.int64]:
     """Return how many samples in a row equal the one before, at most, and one, in each stretch, (k,).
 
     values: (n, axes), which are to be equal on all of them. stride: each so many samples of a stretch, its first not

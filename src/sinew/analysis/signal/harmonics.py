@@ -100,7 +100,7 @@ def _fit_batch(turn: Array, signal: Array, design: Array, whole: int) -> tuple[N
 
     ramp = design[:, 1]
     power = (ramp**2).sum(axis=1)[:, None]
-    swelling = residual @ (ramp[:, None] * design[:, 2 :: count]).transpose(0, 2, 1)
+    swelling = residual @ (ramp[:, None] * design[:, 2::count]).transpose(0, 2, 1)
     growth = 2.0 * (swelling[:, :, 0] - 1j * swelling[:, :, 1]) / power
     if lines.size < 4:
         variance = np.repeat(2.0 * (residual**2).mean(axis=2)[:, :, None] / (samples - design.shape[1]), count, axis=2)

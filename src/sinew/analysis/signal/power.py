@@ -96,7 +96,7 @@ def read_power(signals: Signals, where: slice | NDArray[np.int64] = slice(None))
     columns = {name: signals.recorded[name] for name in names if name in signals.recorded}
     if isinstance(where, slice):
         recorded = {name: values[where].astype(float) for name, values in columns.items()}
-    else:  # a hundred bytes at once are taken ten times as fast as they are indexed
+    else:  # rows of all tendons are taken ten times as fast as they are indexed
         recorded = {name: values.take(where, axis=0).astype(float) for name, values in columns.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
