@@ -260,8 +260,9 @@ def _lever_doubts(sweep: _Sweep, rig: "RigSpec", expected: Mapping[str, Array] |
     swung: dict[tuple[int, ...], Reach] = {}
     looked = np.isfinite(lever) & np.isfinite(command) & (command > 0)
     places = [tuple(int(i) for i in place) for place in np.argwhere(looked)]
-    supplied = {volts: _supplied(rig, volts) if volts > 0 else rig for volts in set(sweep.supply_v[looked].tolist())}
-    rigs = [supplied[volts] for volts in sweep.supply_v[looked].tolist()]
+    supply = np.nan_to_num(sweep.supply_v[looked]).tolist()
+    supplied = {volts: _supplied(rig, volts) if volts > 0 else rig for volts in set(supply)}
+    rigs = [supplied[volts] for volts in supply]
     head = np.where(np.isfinite(gain + lag), gain * np.exp(-1j * lag), 0.0)[looked]
     hertz = np.broadcast_to(sweep.frequency_hz[:, None], looked.shape)[looked]
     reached = drive_reaches(rigs, command[looked], hertz, head) if places else []
@@ -604,8 +605,8 @@ def _rows_beyond(values: Array, stretches: NDArray[np.int64], needed: Array) -> 
     """Return how many samples in a row repeat one value, at most, in each stretch, zero where not more than needed.
 
     values: (n, axes). stretches: first sample and the one after the last, (k, 2). needed: (k,), not below
-    `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one
-    before, hence m // 4 neighbours among every fourth sample: where these are missing, nothing else is looked at.
+    `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one before, hence m // 4 neighbours among every
+    fourth sample: where these are missing, nothing else is looked at.
     """
     near, out = _near(values), np.zeros(needed.size, dtype=np.int64)
     fewest = needed.astype(np.int64) // _FROZEN_STRIDE

@@ -136,16 +136,20 @@ def _line_amplitudes(residual: Array, turn: Array, highest: int) -> Complexes:
     """Return 2/n Σ r exp(-ikψ) at the lines k = 0..highest, at least, shape (s, q, lines).
 
     turn: ψ, (s, n). A line is k = mw ± b with b <= w/2, w odd: the residual is turned back by mw, and what that gives
-    by b, which takes few waves for √k instead of k; for three signals it is quickest with w about √(6k).
+    by b, which takes waves for √k instead of k; for three signals it is quickest with w about √(6k).
     """
     (records, signals, samples), side = residual.shape, math.isqrt(6 * highest) // 2
     width = 2 * side + 1
     steps = 1 + (highest + side) // width
-    fine, coarse = multiples(turn, side, 1), multiples(width * turn, steps - 1, 1)
-    fine[:, 0] = coarse[:, 0] = 1.0
-    turned = (residual[:, :, None] * coarse[:, None]).reshape(records, signals * coarse.shape[1], samples)
-    sums = (turned @ fine.transpose(0, 2, 1)).reshape(records, signals, coarse.shape[1], fine.shape[1])
-    cosine, sine = sums[:, :, :steps], np.zeros((records, signals, steps, fine.shape[1]))
+    sums = np.zeros((records, signals * (2 * steps - 1), width))
+    for first in range(0, samples, _BLOCK):
+        part = slice(first, first + _BLOCK)
+        fine, coarse = multiples(turn[:, part], side, 1), multiples(width * turn[:, part], steps - 1, 1)
+        fine[:, 0] = coarse[:, 0] = 1.0
+        turned = residual[:, :, None, part] * coarse[:, None]
+        sums += turned.reshape(records, sums.shape[1], -1) @ fine.transpose(0, 2, 1)
+    sums = sums.reshape(records, signals, 2 * steps - 1, width)
+    cosine, sine = sums[:, :, :steps], np.zeros((records, signals, steps, width))
     sine[:, :, 1:] = sums[:, :, steps:]
     even = cosine[..., : side + 1] - 1j * sine[..., : side + 1]
     odd = sine[..., side + 1 :] + 1j * cosine[..., side + 1 :]
