@@ -577,8 +577,10 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
     driven = [row for row in moving if row[0].kind == "steady"]  # in a ring-down the lever stands
     for _, words, values, share in channels:
         looked = moving if share < 1.0 else driven
+        if not looked:
+            continue
         needed = np.maximum(_FROZEN_SAMPLES, share * rate / np.array([segment.frequency_hz for segment, _ in looked]))
-        longest = _rows_beyond(values, np.array([(one.start, one.stop) for _, one in looked]).reshape(-1, 2), needed)
+        longest = _rows_beyond(values, np.array([(where.start, where.stop) for _, where in looked]), needed)
         rows: list[tuple[float, Place, str]] = []
         for one in np.flatnonzero(longest):
             segment, _ = looked[one]
