@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import signal
 from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig_with, sweep
 
@@ -64,3 +65,13 @@ def test_the_budget_reads_the_rig() -> None:
 def test_the_sample_rate_survives_jitter() -> None:
     recording = sweep([Joint()], [2.0, 3.0, 4.0], sensing=Sensing(jitter_s=0.5e-3))
     assert sample_rate(recording) == pytest.approx(SAMPLE_HZ, rel=0.01)
+
+
+@pytest.mark.parametrize("pieces", [[30_000], [12_001, 7, 9000], [1, 2, 3]])
+def test_the_sample_rate_is_by_the_median_of_all_steps_inside_segments(pieces: list[int]) -> None:
+    steps = 5e-3 + 1e-4 * np.random.default_rng(5).standard_normal(sum(pieces))
+    ends = np.cumsum(pieces)[:-1]
+    steps[ends] = 40.0
+    recording = xr.Dataset({"time_s": ("sample", np.cumsum(steps)), "row_size": ("segment", pieces)})
+    inside = np.delete(np.diff(recording["time_s"].values), ends - 1)
+    assert sample_rate(recording) == 1.0 / np.median(inside)

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from sinew.analysis.signal.signals import Signals
-from sinew.measure.arrays import Array, Mask, mean_of_known
+from sinew.analysis.signal.signals import Signals, by_length
+from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment
@@ -51,7 +52,7 @@ _PRETENSION_STD_MM, _PRETENSION_STD = 0.15, 0.03
 
 _MOST_TEXT = 40_000
 _MOVING_RAD = math.radians(1.0)
-_FROZEN_SHARE, _FROZEN_SAMPLES = 0.25, 8
+_FROZEN_SHARE, _FROZEN_SAMPLES, _FROZEN_STRIDE = 0.25, 8, 4
 _SAME = 1e-6
 
 
@@ -178,13 +179,15 @@ def doubts_of(results: xr.Dataset) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """The sweep part of results: axes (p,), (f,), columns (p, f, r), and the commanded amplitude [rad], (p, f, r)."""
+    """The sweep part of results: axes (p,), (f,), columns (p, f, r), and the commanded amplitude [rad], (p, f, r); the
+    groups that stand in it, as place and samples."""
 
     pretension_mm: Array
     frequency_hz: Array
     columns: Mapping[str, Array]
     command: Array
     supply_v: Array
+    groups: Sequence[tuple[tuple[int, int, int], slice]]
 
     @staticmethod
     def of(results: xr.Dataset, signals: Signals) -> "_Sweep":
@@ -192,21 +195,17 @@ class _Sweep:
         shape = columns["gain"].shape
         pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
-        volts = signals.recorded.get("supply_v")
-        sweep = _Sweep(pretension, frequency, columns, command, supply)
-        for at, segment, where in sweep.steady(signals):
-            command[at] = math.radians(segment.amplitude_deg)
-            if volts is not None:
-                supply[at] = float(volts[where].mean())
-        return sweep
-
-    def steady(self, signals: Signals) -> Iterator[tuple[tuple[int, int, int], Segment, slice]]:
-        """Yield the steady segments that stand in the sweep, each with its place."""
+        groups: list[tuple[tuple[int, int, int], slice]] = []
+        row, column = ({mark: k for k, mark in enumerate(axis.tolist())} for axis in (pretension, frequency))
         for segment, where in signals.of_kind("steady"):
-            p = np.flatnonzero(self.pretension_mm == segment.pretension_mm)
-            f = np.flatnonzero(self.frequency_hz == segment.frequency_hz)
-            if p.size and f.size and segment.repeat < self.command.shape[2]:
-                yield (int(p[0]), int(f[0]), segment.repeat), segment, where
+            p, f = row.get(segment.pretension_mm), column.get(segment.frequency_hz)
+            if p is not None and f is not None and segment.repeat < shape[2]:
+                groups.append(((p, f, segment.repeat), where))
+                command[groups[-1][0]] = math.radians(segment.amplitude_deg)
+        if groups and "supply_v" in signals.recorded:
+            volts = _means(signals.recorded["supply_v"], [where for _, where in groups])
+            supply[tuple(np.transpose([at for at, _ in groups]))] = volts
+        return _Sweep(pretension, frequency, columns, command, supply, groups)
 
     def place(self, index: tuple[int, ...]) -> Place:
         return Place(float(self.pretension_mm[index[0]]), float(self.frequency_hz[index[1]]), int(index[2]))
@@ -261,7 +260,9 @@ def _lever_doubts(sweep: _Sweep, rig: "RigSpec", expected: Mapping[str, Array] |
     swung: dict[tuple[int, ...], Reach] = {}
     looked = np.isfinite(lever) & np.isfinite(command) & (command > 0)
     places = [tuple(int(i) for i in place) for place in np.argwhere(looked)]
-    rigs = [rig if not sweep.supply_v[at] > 0 else _supplied(rig, sweep.supply_v[at]) for at in places]
+    supply = np.nan_to_num(sweep.supply_v[looked]).tolist()
+    supplied = {volts: _supplied(rig, volts) if volts > 0 else rig for volts in set(supply)}
+    rigs = [supplied[volts] for volts in supply]
     head = np.where(np.isfinite(gain + lag), gain * np.exp(-1j * lag), 0.0)[looked]
     hertz = np.broadcast_to(sweep.frequency_hz[:, None], looked.shape)[looked]
     reached = drive_reaches(rigs, command[looked], hertz, head) if places else []
@@ -362,9 +363,13 @@ def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
     gyro = signals.recorded.get("gyro_rad_s")
     if gyro is None:
         return
-    ratio = np.zeros(size.shape)
-    for place, _, where in sweep.steady(signals):
-        along, y, z = gyro[where].std(axis=0)
+    ratio, squares = np.zeros(size.shape), np.empty((len(sweep.groups), 3))
+    for rows, samples in by_length([where for _, where in sweep.groups]):
+        turns = gyro.take(samples, axis=0).astype(float)
+        turns -= turns[:, :1]  # a channel that stands still is then none
+        sums = np.ones(samples.shape[1]) @ turns
+        squares[rows] = np.diagonal(turns.transpose(0, 2, 1) @ turns, axis1=1, axis2=2) - sums**2 / samples.shape[1]
+    for (place, _), (along, y, z) in zip(sweep.groups, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True):
         ratio[place] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
     yield from sweep.gather(
         "axis",
@@ -452,12 +457,12 @@ def _damping_doubts(results: xr.Dataset, rig: "RigSpec", expected: Mapping[str, 
     if "damping_ratio" not in results:
         return
     ratio, own = results["damping_ratio"].values, results["damping_ratio_std"].values
+    pretension, hertz = results["pretension_mm"].values, results["decay_frequency_hz"].values
     outside: list[tuple[float, Place, str]] = []
     far: list[tuple[float, Place, str]] = []
     for at in np.argwhere(np.isfinite(ratio)):
         p, r = int(at[0]), int(at[1])
-        mm, value = float(results["pretension_mm"].values[p]), float(ratio[p, r])
-        frequency = float(results["decay_frequency_hz"].values[p, r])
+        mm, value, frequency = float(pretension[p]), float(ratio[p, r]), float(hertz[p, r])
         place = Place(mm, math.nan, r)
         low, high = possible_damping(rig, frequency)
         relative = math.hypot(_LOSS_STD, _ratio(float(own[p, r]), value))
@@ -536,7 +541,7 @@ def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Arr
         )
     step = float(np.median(np.diff(time)))
     for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
-        longest = _longest_runs(_same_as_before(values[:, None]), [slice(0, values.size)])[0] + 1
+        longest = int(_longest_rows(values[:, None], np.array([[0, values.size]]), _near(values[:, None]))[0])
         if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
             found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
     return found
@@ -569,20 +574,22 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
         if name in recorded and (name == "drive_rad" or np.ptp(recorded[name]) > 0):
             channels.append((name, words, recorded[name][:, None], 1.0))
     moving = list(_moving(signals))
+    driven = [row for row in moving if row[0].kind == "steady"]  # in a ring-down the lever stands
     for _, words, values, share in channels:
-        # where share is one the lever stands in a ring-down
-        looked = [row for row in moving if share < 1.0 or row[0].kind == "steady"]
-        runs = _longest_runs(_same_as_before(values), [slice(where.start + 1, where.stop) for _, where in looked])
+        looked = moving if share < 1.0 else driven
+        if not looked:
+            continue
+        needed = np.maximum(_FROZEN_SAMPLES, share * rate / np.array([segment.frequency_hz for segment, _ in looked]))
+        longest = _rows_beyond(values, np.array([(where.start, where.stop) for _, where in looked]), needed)
         rows: list[tuple[float, Place, str]] = []
-        for (segment, _), run in zip(looked, runs, strict=True):
-            longest, needed = run + 1, max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
-            if longest > needed:
-                place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
-                text = (
-                    f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look "
-                    "at the sensor, its cable and its firmware"
-                )
-                rows.append((DOUBTED_FROM * longest / needed, place, text))
+        for one in np.flatnonzero(longest):
+            segment, _ = looked[one]
+            place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
+            text = (
+                f"{words} repeats one value for {longest[one] / rate:.2g} s at {place}, while the lever is driven: "
+                "look at the sensor, its cable and its firmware"
+            )
+            rows.append((float(DOUBTED_FROM * longest[one] / needed[one]), place, text))
         yield from _worst("frozen", rows, len(looked))
 
 
@@ -596,28 +603,55 @@ def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
             yield segment, slice(where.start, min(where.stop, where.start + round(signals.budget.sample_hz)))
 
 
-def _same_as_before(values: Array) -> Mask:
-    """Return whether each sample equals the one before it on all axes, shape (n,); readings that were brought onto
-    other times by interpolation are equal but for their last bits."""
-    same = np.zeros(values.shape[0], dtype=bool)
-    near = np.arange(1, values.shape[0])
-    for column in values.T if near.size else ():  # few are left for the second
-        tolerance = _SAME * max(abs(float(column.max())), abs(float(column.min())))
-        near = near[np.abs(column[near] - column[near - 1]) <= tolerance]
-    same[near] = True
-    return same
+def _rows_beyond(values: Array, stretches: NDArray[np.int64], needed: Array) -> NDArray[np.int64]:
+    """Return how many samples in a row repeat one value, at most, in each stretch, zero where not more than needed.
+
+    values: (n, axes). stretches: first sample and the one after the last, (k, 2). needed: (k,), not below
+    `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one before, hence m // 4 neighbours among every
+    fourth sample: where these are missing, nothing else is looked at.
+    """
+    near, out = _near(values), np.zeros(needed.size, dtype=np.int64)
+    fewest = needed.astype(np.int64) // _FROZEN_STRIDE
+    maybe = np.flatnonzero(_longest_rows(values, stretches, near, _FROZEN_STRIDE) > fewest)
+    out[maybe] = _longest_rows(values, stretches[maybe], near)
+    return np.where(out > needed, out, 0)
 
 
-def _longest_runs(same: Mask, stretches: Sequence[slice]) -> list[int]:
-    """Return how many True stand in a row at most, in each stretch of a mask."""
-    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
-    begin, end = edges[::2], edges[1::2]
-    longest = []
-    for one in stretches:
-        first, last = np.searchsorted(end, one.start, "right"), np.searchsorted(begin, one.stop)
-        inside = np.minimum(end[first:last], one.stop) - np.maximum(begin[first:last], one.start)
-        longest.append(int(inside.max(initial=0)))
+def _near(values: Array) -> list[float]:
+    """Return how far two samples of an axis may lie apart and be equal: readings that were brought onto other times by
+    interpolation are equal but for their last bits."""
+    return [_SAME * max(abs(float(column.max())), abs(float(column.min()))) for column in values.T]
+
+
+def _longest_rows(values: Array, stretches: NDArray[np.int64], near: list[float], stride: int = 1) -> NDArray[np.int64]:
+    """Return how many samples in a row equal the one before, at most, and one, in each stretch, (k,).
+
+    values: (n, axes), which are to be equal on all of them. stride: each so many samples of a stretch, its first not
+    among them, are looked at and counted.
+    """
+    starts, stops = stretches.T
+    sizes = -(-(stops - starts) // stride)
+    begins = np.cumsum(sizes) - sizes
+    at = np.repeat(starts - stride * begins, sizes) + stride * np.arange(sizes.sum())
+    is_looked = np.ones(at.size, dtype=bool)
+    is_looked[begins] = False
+    found = np.flatnonzero(is_looked)
+    for column, tolerance in zip(values.T, near, strict=True):  # few are left for the second
+        found = found[np.abs(column[at[found]] - column[at[found] - 1]) <= tolerance]
+    same = np.zeros(at.size + 1, dtype=bool)
+    same[found] = True
+    edges = np.flatnonzero(np.diff(same, prepend=False))
+    longest = np.ones(len(stretches), dtype=np.int64)
+    np.maximum.at(longest, np.searchsorted(begins, edges[::2], "right") - 1, 1 + edges[1::2] - edges[::2])
     return longest
+
+
+def _means(values: NDArray[Any], stretches: list[slice]) -> Array:
+    """Return the mean of all that was recorded in each stretch, (k,)."""
+    out = np.empty(len(stretches))
+    for rows, samples in by_length(stretches):
+        out[rows] = values.take(samples, axis=0).reshape(rows.size, -1).mean(axis=1)
+    return out
 
 
 def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
@@ -632,12 +666,11 @@ def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
     per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
-    angle, current = recorded["tendon_rad"], recorded["tendon_current_a"]
+    looked = [row for row in signals.segments if row[0].kind in ("steady", "ring-down")]
+    angle, current = (_means(recorded[name], [w for _, w in looked]) for name in ("tendon_rad", "tendon_current_a"))
     found: dict[float, list[float]] = {}
-    for segment, where in signals.segments:
-        if segment.kind in ("steady", "ring-down"):
-            pulled = radius * angle[where].mean() + per_ampere * current[where].mean()
-            found.setdefault(segment.pretension_mm, []).append(1e3 * float(pulled))
+    for (segment, _), pulled in zip(looked, (radius * angle + per_ampere * current).tolist(), strict=True):
+        found.setdefault(segment.pretension_mm, []).append(1e3 * pulled)
     if len(found) < 2:
         return
     least = min(found)

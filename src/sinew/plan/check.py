@@ -82,19 +82,18 @@ class _Servos(NamedTuple):
         inertia = np.array(levers)[:, None] * (1 + head) + armature
         return _Servos(-inertia * omega**2 + 1j * slope * omega, friction, torque_limit, error_limit)
 
-    def lever(self, x: Array) -> tuple[Array, Complexes]:
-        """Return (lever amplitude Θ [rad], phasor of the command [rad], lever's phase zero) for errors x, each (k, n).
+    def lever(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return lever amplitude Θ [rad], and the command's part in phase with it and the one before it [rad], for
+        errors x, (k, n) or (1, n): each (k, n).
 
         |load Θ + i T_f 4/π| is the torque amplitude, a quadratic in Θ.
         """
         torque = np.maximum(self.torque_limit * _saturated(x), self.friction)
         square, half = np.abs(self.load) ** 2, self.load.imag * self.friction
         theta = (np.sqrt(half**2 + square * (torque**2 - self.friction**2)) - half) / square
-        held = torque <= self.friction
-        phasor = np.where(held, 1j, self.load * theta + 1j * self.friction)
-        theta = np.where(held, 0.0, theta)
-        command = theta + phasor / np.abs(phasor) * x * self.error_limit
-        return np.asarray(theta, dtype=float), np.asarray(command, dtype=complex)
+        theta = np.where(torque > self.friction, theta, 0.0)
+        error = x * self.error_limit / torque
+        return theta, theta * (1 + self.load.real * error), (self.load.imag * theta + self.friction) * error
 
 
 def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: complex = 0.0) -> Reach:
@@ -112,23 +111,24 @@ def drive_reaches(rigs: Sequence[RigSpec], command_rad: Array, frequency_hz: Arr
         return []
     command, omega = command_rad[:, None], 2 * math.pi * frequency_hz[:, None]
     servos = _Servos.of(rigs, omega, head[:, None])
-    grid = np.broadcast_to(_SCAN, (len(command), _SCAN.size))
-    rows = np.arange(len(command))
+    grid, rows = _SCAN[None], np.arange(len(command))
     for fraction in (*(_WITHIN,) * _NARROWED, np.array([0.0, 1.0])):
-        below = np.abs(servos.lever(grid)[1]) < command
+        _, along, before = servos.lever(grid)
+        below = along**2 + before**2 < command**2
         crossed = below[:, :-1] & ~below[:, 1:]
         at = np.argmax(crossed, axis=1)
+        grid = np.broadcast_to(grid, below.shape)
         low = grid[rows, at]
         high = np.where(crossed[rows, at], grid[rows, at + 1], low)
         grid = low[:, None] * (high / low)[:, None] ** fraction
-    short = np.abs(servos.lever(grid)[1]) - command
+    short = np.hypot(*servos.lever(grid)[1:]) - command
     step = np.diff(short, axis=1)
     x = grid[:, :1] - np.diff(grid, axis=1) * short[:, :1] / np.where(step > 0, step, np.inf)
-    theta, phasor = servos.lever(x)
+    theta, along, before = servos.lever(x)
     slope = np.array([[rig.drive.speed_slope] for rig in rigs])
     electrical = np.abs((servos.load - 1j * slope * omega) * theta + 1j * np.where(theta > 0, servos.friction, 0.0))
     share = np.where(x > 1, 1 - 2 / math.pi * np.arcsin(1 / np.maximum(x, 1)), 0.0)
-    columns = (column[:, 0].tolist() for column in (theta, np.angle(phasor), electrical, share))
+    columns = (column[:, 0].tolist() for column in (theta, np.arctan2(before, along), electrical, share))
     return [
         Reach(lever, lag, torque / rig.drive.torque_constant, part)
         for rig, lever, lag, torque, part in zip(rigs, *columns, strict=True)

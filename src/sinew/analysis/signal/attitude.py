@@ -20,13 +20,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
-from sinew.analysis.signal.signals import Channel, Signals, drive_chain, read_signals, torsion_chain
+from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, add_waves, fit_harmonics, harmonic_design, waveform
+from sinew.analysis.signal.signals import Channel, Signals, by_length, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import quaternion, swing_of, torsion_of, turned_about_x
 from sinew.measure.errors import RecordingError
@@ -178,26 +177,45 @@ def integrate_rate(time_s: Array, rate: Array) -> Array:
     """
     if rate.shape[-1] < 3:
         raise RecordingError(f"cannot integrate {rate.shape[-1]} samples of a rate; record at least 3")
-    return np.asarray(
-        scipy.integrate.cumulative_simpson(rate, x=np.broadcast_to(time_s, rate.shape), axis=-1, initial=0.0)
-    )
+    step = np.diff(np.broadcast_to(time_s, rate.shape))
+    slope = np.diff(rate) / step
+    first, second = slice(0, step.shape[-1] // 2 * 2, 2), slice(1, None, 2)
+    # of the parabola through three samples: half its second derivative, by which the trapezoids are too large
+    bend = (slope[..., second] - slope[..., first]) / (step[..., first] + step[..., second])
+    area, cube = 0.5 * step * (rate[..., 1:] + rate[..., :-1]), step * step * step / 6.0
+    for half in (first, second):
+        area[..., half] -= bend * cube[..., half]
+    if step.shape[-1] % 2:  # the last step alone is on the parabola through the last three
+        area[..., -1] -= (slope[..., -1] - slope[..., -2]) / (step[..., -1] + step[..., -2]) * cube[..., -1]
+    out = np.zeros(rate.shape)
+    np.cumsum(area, axis=-1, out=out[..., 1:])
+    return out
 
 
-def steady_torsion(time_s: Array, signal: Array, fitted: Harmonics, is_rate: bool) -> Array:
-    """Return the torsion of steady records about its mean, as the sensors saw it, shape (s, n).
+def steady_torsion(
+    time_s: Array, signal: Array, fitted: Harmonics, is_rate: bool, design: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the torsion of steady records about its mean, as the sensors saw it, and its harmonics, (s, n) each.
 
     time_s, signal: shape (s, n). fitted: harmonics of the same records, signal 0; their offset and slope are the
-    bias and the drift that are removed, from a rate before it is integrated.
+    bias and the drift that are removed, from a rate before it is integrated. design: `harmonic_design` of the records,
+    from whoever needs it further.
     """
+    design = harmonic_design(time_s, fitted.frequency_hz) if design is None else design
     elapsed = time_s - fitted.reference_s[:, None]
     clean = signal - fitted.offset[:, :1] - fitted.slope[:, :1] * elapsed
+    harmonic = add_waves(torsion_harmonics(fitted, is_rate), design[:, 2:])
     if not is_rate:
-        return np.asarray(clean)
+        return clean, harmonic
     angle = integrate_rate(time_s, clean)
-    omega = 2.0 * np.pi * fitted.frequency_hz[:, None]
-    order = np.arange(1, fitted.coefficient.shape[2] + 1)
-    harmonic = waveform(fitted.coefficient[:, 0] / (1j * order * omega), omega * elapsed)
-    return np.asarray(angle - (angle - harmonic).mean(axis=1, keepdims=True))
+    angle -= (angle - harmonic).mean(axis=1, keepdims=True)
+    return angle, harmonic
+
+
+def torsion_harmonics(fitted: Harmonics, is_rate: bool) -> Complexes:
+    """Return the harmonics of the torsion as the sensors saw it, (s, h), by those of signal 0, itself or its rate."""
+    order = np.arange(1, HARMONICS + 1)
+    return fitted.coefficient[:, 0] / (2j * np.pi * order * fitted.frequency_hz[:, None] if is_rate else 1.0)
 
 
 def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec | None" = None) -> xr.Dataset:
@@ -227,7 +245,7 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec |
     periods = int((stamps[-1] - stamps[0] + 1.0 / budget.sample_hz) * frequency + 0.02)
     if periods < 1:
         raise RecordingError(f"segment {segment} holds no whole period at {frequency:g} Hz; record longer")
-    torsion = steady_torsion(stamps[None], both[None, 0], fitted, response.is_rate)[0]
+    torsion = steady_torsion(stamps[None], both[None, 0], fitted, response.is_rate)[0][0]
     rate = np.gradient(torsion, stamps)
     if response.is_rate:
         rate = both[0] - fitted.offset[0, 0] - fitted.slope[0, 0] * (stamps - fitted.reference_s[0])
@@ -290,10 +308,7 @@ def measure_lever(recording: xr.Dataset, rig: "RigSpec | None" = None) -> LeverM
     frequency, column = np.unique([segment.frequency_hz for segment, _ in steady], return_inverse=True)
     found = np.zeros((pretension.size, frequency.size, HARMONICS), dtype=complex)
     count = np.zeros((pretension.size, frequency.size))
-    starts, sizes = (np.array(ends) for ends in ([w.start for _, w in steady], [w.stop - w.start for _, w in steady]))
-    for size in np.unique(sizes):
-        mine = np.flatnonzero(sizes == size)
-        samples = starts[mine][:, None] + np.arange(size)
+    for mine, samples in by_length([where for _, where in steady]):
         hertz = frequency[column[mine]]
         try:
             fitted = fit_harmonics(signals.time_s[samples], drive.values[samples][:, None], hertz)

@@ -1,5 +1,6 @@
 """Harmonics of a known frequency, fitted with the noise that is really there."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ HARMONICS = 5
 _LINES = 12
 _SIDEBANDS = 8
 _NYQUIST_SHARE = 0.45
+_BLOCK = 6000
+"""Samples that are fitted together, so that what is made of them stays in a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,11 @@ class Harmonics:
     sidebands: Complexes
 
 
-def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonics:
+def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, design: Array | None = None) -> Harmonics:
     """Return offset, slope, the fundamental and harmonics 2 to 5 of records of equal length, by least squares.
 
     time_s: stamps as they are, jitter included, shape (s, n). signal: shape (s, q, n). frequency_hz: shape (s,).
+    design: `harmonic_design` of the same records, from whoever needs it further.
 
     The standard deviations come from the residual's own spectrum: on the grid of whole cycles per record the residual
     is projected on the twelve lines nearest to each harmonic that are no harmonic themselves. What noise puts there it
@@ -54,7 +58,11 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonic
     if count < 1 or (span * frequency_hz).min() < 0.8 or samples < 2 * count + 6:
         raise ValueError(f"{samples} samples over {float(span.min()):g} s cannot hold harmonics of the drive")
     periods = np.maximum(1, np.rint(span * frequency_hz)).astype(int)
-    reference = 0.5 * (time_s[:, 0] + time_s[:, -1])
+    reference = _middle(time_s)
+    if design is None:
+        design = harmonic_design(time_s, frequency_hz)
+    if count < HARMONICS:
+        design = design[:, [0, 1, *range(2, 2 + count), *range(2 + HARMONICS, 2 + HARMONICS + count)]]
     shape = (records, signal.shape[1])
     parts = {
         "coefficient": np.full((*shape, HARMONICS), np.nan + 0j),
@@ -66,50 +74,51 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonic
         "sidebands": np.full((*shape, _SIDEBANDS, 2), np.nan + 0j),
     }
     for whole in np.unique(periods):
-        for rows in np.array_split(np.flatnonzero(periods == whole), -(-int((periods == whole).sum()) // 64)):
-            batch = _fit_batch(
-                time_s[rows] - reference[rows, None], signal[rows], frequency_hz[rows], int(whole), count
-            )
+        same = np.flatnonzero(periods == whole)
+        for part in np.array_split(same, -(-same.size * samples // _BLOCK)):
+            rows = slice(part[0], part[-1] + 1) if part[-1] - part[0] < part.size else part
+            turn = 2.0 * np.pi / whole * frequency_hz[rows, None] * (time_s[rows] - reference[rows, None])
+            batch = _fit_batch(turn, signal[rows], design[rows], int(whole))
             for name, values in zip(parts, batch, strict=True):
                 if name in ("coefficient", "std"):
                     parts[name][rows, :, :count] = values
                 else:
                     parts[name][rows] = values
+    parts["slope"] /= 0.5 * (time_s[:, -1:] - time_s[:, :1])
     return Harmonics(frequency_hz, reference, **parts)
 
 
-def _fit_batch(time: Array, signal: Array, frequency: Array, whole: int, count: int) -> tuple[NDArray[np.generic], ...]:
-    """Return the fields from coefficient to sidebands of records with one number of whole periods."""
-    samples = time.shape[1]
+def _fit_batch(turn: Array, signal: Array, design: Array, whole: int) -> tuple[NDArray[np.generic], ...]:
+    """Return the fields from coefficient to sidebands of records with one number of whole periods, the slope per half
+    record; turn: one in the whole record, shape (s, n)."""
+    samples, count = design.shape[2], design.shape[1] // 2 - 1
     lines = _line_numbers(whole, count, int(_NYQUIST_SHARE * samples))
-    carrier = np.exp(2j * np.pi * frequency[:, None] * time)
-    waves = np.stack([carrier**h for h in range(1, count + 1)], axis=1)
-    half = 0.5 * (time[:, -1] - time[:, 0])[:, None]
-    trend = np.stack([np.ones_like(time), time / half], axis=1)
-    design = np.concatenate([trend, waves.real, -waves.imag], axis=1)
-    moments = signal @ design.transpose(0, 2, 1)
-    solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments.transpose(0, 2, 1)).transpose(0, 2, 1)
-    coefficient = solution[:, :, 2 : 2 + count] + 1j * solution[:, :, 2 + count :]
+    moments = design @ signal.transpose(0, 2, 1)
+    solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments).transpose(0, 2, 1)
+    coefficient = solution[:, :, 2 : 2 + count] - 1j * solution[:, :, 2 + count :]
     residual = signal - solution @ design
 
-    ramp = trend[:, 1]
+    ramp = design[:, 1]
     power = (ramp**2).sum(axis=1)[:, None]
-    growth = 2.0 * np.einsum("sqn,sn->sq", residual, ramp * waves[:, 0].conj()) / power
+    swelling = residual @ (ramp[:, None] * design[:, 2::count]).transpose(0, 2, 1)
+    growth = 2.0 * (swelling[:, :, 0] - 1j * swelling[:, :, 1]) / power
     if lines.size < 4:
         variance = np.repeat(2.0 * (residual**2).mean(axis=2)[:, :, None] / (samples - design.shape[1]), count, axis=2)
         floor, sidebands = variance[:, :, 0], np.full((*signal.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
     else:
-        amplitudes = _line_amplitudes(residual, time * frequency[:, None] / whole, lines)
-        sidebands, spectrum = _sidebands(amplitudes, lines, whole), np.abs(amplitudes) ** 2
-        nearest = [np.argsort(np.abs(lines - h * whole), kind="stable")[:_LINES] for h in range(1, count + 1)]
-        variance = np.stack([0.5 * spectrum[:, :, rows].mean(axis=2) for rows in nearest], axis=2)
-        floor = 0.5 * np.median(spectrum[:, :, nearest[0]], axis=2) / np.log(2.0)
+        amplitudes = _line_amplitudes(residual, turn, int(lines[-1]))[:, :, lines]
+        sidebands, spectrum = _sidebands(amplitudes, lines, whole), amplitudes.real**2 + amplitudes.imag**2
+        nearest = np.argsort(np.abs(lines - whole * np.arange(1, count + 1)[:, None]), kind="stable")[:, :_LINES]
+        of_harmonic = spectrum[:, :, nearest]
+        variance = 0.5 * of_harmonic.mean(axis=3)
+        ordered, half = np.sort(of_harmonic[:, :, 0], axis=2), of_harmonic.shape[3] // 2
+        floor = 0.25 * (ordered[:, :, half] + ordered[:, :, ~half]) / np.log(2.0)
     per_period = 2.0 / whole
     return (
         coefficient,
         np.sqrt(variance),
         solution[:, :, 0],
-        solution[:, :, 1] / half,
+        solution[:, :, 1],
         growth * per_period,
         np.sqrt(floor * samples / power) * per_period,
         sidebands,
@@ -123,17 +132,30 @@ def _line_numbers(whole: int, count: int, highest: int) -> NDArray[np.int64]:
     return np.asarray(numbers[~is_harmonic & (numbers <= highest)], dtype=np.int64)
 
 
-def _line_amplitudes(residual: Array, cycles: Array, lines: NDArray[np.int64]) -> Complexes:
-    """Return 2/n Σ r exp(-2πi k c) at the lines k, shape (s, q, lines)."""
-    step = np.exp(-2j * np.pi * cycles)
-    wave, number = step ** int(lines[0]), int(lines[0])
-    amplitudes = np.empty((*residual.shape[:2], lines.size), dtype=complex)
-    for column, line in enumerate(lines):
-        while number < line:
-            wave = wave * step
-            number += 1
-        amplitudes[:, :, column] = 2.0 / residual.shape[2] * np.einsum("sqn,sn->sq", residual, wave)
-    return amplitudes
+def _line_amplitudes(residual: Array, turn: Array, highest: int) -> Complexes:
+    """Return 2/n Σ r exp(-ikψ) at the lines k = 0..highest, at least, shape (s, q, lines).
+
+    turn: ψ, (s, n). A line is k = mw ± b with b <= w/2, w odd: the residual is turned back by mw, and what that gives
+    by b, which takes waves for √k instead of k; for three signals it is quickest with w about √(6k).
+    """
+    (records, signals, samples), side = residual.shape, math.isqrt(6 * highest) // 2
+    width = 2 * side + 1
+    steps = 1 + (highest + side) // width
+    sums = np.zeros((records, signals * (2 * steps - 1), width))
+    for first in range(0, samples, _BLOCK):
+        part = slice(first, first + _BLOCK)
+        fine, coarse = multiples(turn[:, part], side, 1), multiples(width * turn[:, part], steps - 1, 1)
+        fine[:, 0] = coarse[:, 0] = 1.0
+        turned = residual[:, :, None, part] * coarse[:, None]
+        sums += turned.reshape(records, sums.shape[1], -1) @ fine.transpose(0, 2, 1)
+    sums = sums.reshape(records, signals, 2 * steps - 1, width)
+    cosine, sine = sums[:, :, :steps], np.zeros((records, signals, steps, width))
+    sine[:, :, 1:] = sums[:, :, steps:]
+    even = cosine[..., : side + 1] - 1j * sine[..., : side + 1]
+    odd = sine[..., side + 1 :] + 1j * cosine[..., side + 1 :]
+    centre, beside = even[..., :1], even[..., 1:]
+    found = np.concatenate([(beside + odd)[..., ::-1], centre, beside - odd], axis=3)
+    return np.asarray(2.0 / samples * found.reshape(records, signals, steps * width)[:, :, side:])
 
 
 def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> Complexes:
@@ -141,10 +163,9 @@ def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> C
     place = {int(line): column for column, line in enumerate(lines)}
     pairs = [m for m in range(1, int(lines[-1])) if whole + m in place and abs(whole - m) in place][:_SIDEBANDS]
     out = np.full((*amplitudes.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
-    for column, m in enumerate(pairs):
-        lower = amplitudes[:, :, place[abs(whole - m)]]
-        out[:, :, column, 0] = amplitudes[:, :, place[whole + m]]
-        out[:, :, column, 1] = lower if m < whole else lower.conj()
+    lower = amplitudes[:, :, [place[abs(whole - m)] for m in pairs]]
+    out[:, :, : len(pairs), 0] = amplitudes[:, :, [place[whole + m] for m in pairs]]
+    out[:, :, : len(pairs), 1] = np.where(np.array(pairs) < whole, lower, lower.conj())
     return out
 
 
@@ -178,13 +199,56 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
     return amplitude, phase
 
 
+def multiples(angle: Array, count: int, before: int = 0) -> Array:
+    """Return cos hψ, h = 1..count, then sin hψ, of angles ψ (..., n), as rows: shape (..., 2h, n).
+
+    before: how many rows stand before them, for the caller to fill. The first wave is by the tangent of the half angle,
+    which NumPy has in vector registers, where it has neither sine nor cosine; the others are by Chebyshev's recurrence,
+    whose round-off grows as h².
+    """
+    out = np.empty((before + 2 * count, *angle.shape))
+    cosine, sine = waves = out[before:].reshape(2, count, *angle.shape)
+    if count:
+        half = np.tan(0.5 * angle)
+        square = half * half
+        np.divide(1.0 - square, 1.0 + square, out=cosine[0])
+        np.divide(2.0 * half, 1.0 + square, out=sine[0])
+        twice = 2.0 * cosine[0]
+    for h in range(1, count):
+        np.multiply(waves[:, h - 1], twice, out=waves[:, h])
+        if h > 1:
+            waves[:, h] -= waves[:, h - 2]
+        else:
+            cosine[h] -= 1.0
+    return np.moveaxis(out, 0, -2)
+
+
+def harmonic_design(time_s: Array, frequency_hz: Array) -> Array:
+    """Return what is fitted to records with stamps (s, n) and frequencies (s,), shape (s, 12, n).
+
+    Rows: one, a ramp from -1 to 1, cos hΩ(t - t₀) for h = 1..5, and sin hΩ(t - t₀).
+    """
+    elapsed = time_s - _middle(time_s)[:, None]
+    design = multiples(2.0 * np.pi * frequency_hz[:, None] * elapsed, HARMONICS, 2)
+    design[:, 0], design[:, 1] = 1.0, elapsed / (0.5 * (time_s[:, -1:] - time_s[:, :1]))
+    return design
+
+
+def _middle(time_s: Array) -> Array:
+    """Return t₀ of each record: half way between its first stamp and its last."""
+    return 0.5 * (time_s[:, 0] + time_s[:, -1])
+
+
 def waveform(coefficient: Complexes, angle: Array) -> Array:
     """Return Re Σ X_h exp(jhψ) for coefficients (s, h), NaN harmonics left out, at phases ψ (s, n) or (n,)."""
-    turn, known = np.exp(1j * angle), np.nan_to_num(coefficient)
-    total = np.zeros(np.broadcast_shapes(angle.shape, (known.shape[0], 1)), dtype=complex)
-    for one in known.T[::-1]:
-        total = (total + one[:, None]) * turn
-    return total.real
+    return add_waves(coefficient, multiples(angle, coefficient.shape[1]))
+
+
+def add_waves(coefficient: Complexes, waves: Array) -> Array:
+    """Return `waveform` at phases whose `multiples` are known, (s, 2h, n) or (2h, n)."""
+    known = np.nan_to_num(coefficient)
+    parts = np.concatenate([known.real, -known.imag], axis=1)
+    return np.asarray(parts @ waves if waves.ndim == 2 else (parts[:, None] @ waves)[:, 0])
 
 
 def refine_frequency(time_s: Array, signal: Array, frequency_hz: float) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.harmonics import HARMONICS, multiples
 from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 # A periodic signal gets its mean over a cycle, from samples that hold no whole number of cycles.
 
 
-_HARMONICS = 5
 _NYQUIST_SHARE = 0.45
 
 
@@ -35,22 +35,19 @@ def cycle_mean(time_s: Array, signal: Array, frequency_hz: Array) -> tuple[Array
     records, samples = time_s.shape
     span = time_s[:, -1:] - time_s[:, :1]
     rate = samples / float(span.max())
-    count = int(min(_HARMONICS, _NYQUIST_SHARE * rate / float(frequency_hz.max())))
+    count = int(min(HARMONICS, _NYQUIST_SHARE * rate / float(frequency_hz.max())))
     if samples < 2 * count + 3:
         return (np.full((records, signal.shape[1]), np.nan),) * 2
-    ramp = (time_s - time_s.mean(axis=1, keepdims=True)) / span
-    turn = np.exp(2j * np.pi * frequency_hz[:, None] * (time_s - time_s[:, :1]))
-    waves = [turn**h for h in range(1, count + 1)]
-    parts = [np.ones_like(ramp), ramp, *(w.real for w in waves), *(w.imag for w in waves)]
-    design = np.stack(parts, axis=2)
-    normal = np.linalg.inv(design.transpose(0, 2, 1) @ design)
-    solution = normal @ (design.transpose(0, 2, 1) @ signal.transpose(0, 2, 1))
-    residual = signal.transpose(0, 2, 1) - design @ solution
-    variance = (residual**2).sum(axis=1) / max(1, samples - design.shape[2])
-    slope = solution[:, 1] ** 2
+    elapsed = time_s - time_s.mean(axis=1, keepdims=True)
+    design = multiples(2.0 * np.pi * frequency_hz[:, None] * elapsed, count, 2)
+    design[:, 0], design[:, 1] = 1.0, elapsed / span
+    normal = np.linalg.inv(design @ design.transpose(0, 2, 1))
+    solution = (signal @ design.transpose(0, 2, 1)) @ normal
+    residual = signal - solution @ design
+    variance = np.square(residual, out=residual).sum(axis=2) / max(1, samples - design.shape[1])
+    slope = solution[:, :, 1] ** 2
     drift = np.where(slope > 9.0 * variance * normal[:, 1:2, 1], slope, 0.0)
-    std = np.sqrt(variance * normal[:, :1, 0] + drift / 12.0)
-    return solution[:, 0], std
+    return solution[:, :, 0], np.sqrt(variance * normal[:, :1, 0] + drift / 12.0)
 
 
 def idle_power(rig: "RigSpec") -> float:
@@ -89,20 +86,29 @@ class Power:
     holding: Array | None
 
 
-def read_power(signals: Signals, where: slice | None = None) -> Power | None:
+def read_power(signals: Signals, where: slice | NDArray[np.int64] = slice(None)) -> Power | None:
     """Return the power of the motors, at all samples or some, None without a rig and where duty or current of the drive
-    was not recorded."""
-    rig, recorded = signals.rig, {name: values[where or slice(None)] for name, values in signals.recorded.items()}
+    was not recorded.
+
+    where: samples, or their numbers in an array of any shape, which is that of the powers then.
+    """
+    rig, names = signals.rig, ("drive_pwm", "drive_current_a", "supply_v", "tendon_pwm", "tendon_current_a")
+    columns = {name: signals.recorded[name] for name in names if name in signals.recorded}
+    if isinstance(where, slice):
+        recorded = {name: values[where].astype(float) for name, values in columns.items()}
+    else:  # rows of all tendons are taken ten times as fast as they are indexed
+        recorded = {name: values.take(where, axis=0).astype(float) for name, values in columns.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
-    supply = recorded["supply_v"].astype(float) if "supply_v" in recorded else rig.drive.supply_voltage.value
-    current, holding = recorded["drive_current_a"].astype(float), None
+    supply = recorded.get("supply_v", rig.drive.supply_voltage.value)
+    current, holding = recorded["drive_current_a"], None
     if "tendon_current_a" in recorded:
-        currents = recorded["tendon_current_a"].astype(float)
+        currents = recorded["tendon_current_a"]
+        all_of = np.ones(currents.shape[-1])
         if "tendon_pwm" in recorded:
-            holding = np.einsum("nt,nt->n", recorded["tendon_pwm"], currents) * supply
+            holding = (recorded["tendon_pwm"] * currents) @ all_of * supply
         else:
-            holding = SERVOS[rig.wiring.tendon_model].resistance * np.einsum("nt,nt->n", currents, currents)
+            holding = SERVOS[rig.wiring.tendon_model].resistance * (currents**2 @ all_of)
     return Power(recorded["drive_pwm"] * supply * current, rig.drive.resistance * current**2, holding)
 
 
@@ -131,19 +137,19 @@ def rest_power(signals: Signals, rig: "RigSpec") -> dict[tuple[float, int], tupl
 
 
 def power_columns(
-    power: Power | None, time_s: Array, samples: NDArray[np.int64], frequency_hz: Array
+    signals: Signals, time_s: Array, samples: NDArray[np.int64], frequency_hz: Array
 ) -> dict[str, NDArray[Any]]:
     """Return the power columns of the result schema of steady segments of one length, each (s,), by name.
 
     time_s: stamps of the segments [s], (s, n). samples: their numbers, (s, n). frequency_hz: of their drive, (s,).
     Empty where no power is known. drive_mechanical_w is not among them: it comes from the motion.
     """
+    power = read_power(signals, samples)
     if power is None:
         return {}
-    drive = power.drive[samples]
-    signals = [drive, np.maximum(drive, 0.0), power.copper[samples]]
-    signals += [] if power.holding is None else [power.holding[samples]]
-    mean, std = cycle_mean(time_s, np.stack(signals, axis=1), 2.0 * frequency_hz)
+    powers = [power.drive, np.maximum(power.drive, 0.0), power.copper]
+    powers += [] if power.holding is None else [power.holding]
+    mean, std = cycle_mean(time_s, np.stack(powers, axis=1), 2.0 * frequency_hz)
     names = ("drive_power_w", "drive_drawn_w", "drive_copper_w", "holding_power_w")
     columns = dict(zip(names, mean.T, strict=False))
     return columns | {"drive_power_std_w": std[:, 0]}

@@ -1,7 +1,7 @@
 """Signals of a recording: channels, the sensors' delays, segments and motors, read once at the door and passed on."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
 
 _REPEATS = 1e-3
+_MANY = 4096
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,22 @@ def sample_rate(recording: xr.Dataset) -> float:
     Raises TimeError where no segment has two samples.
     """
     steps = np.diff(recording["time_s"].values)
-    inside = np.ones(steps.size, dtype=bool)
-    inside[np.cumsum(recording["row_size"].values)[:-1] - 1] = False
-    if not inside.any():
+    steps[np.cumsum(recording["row_size"].values)[:-1] - 1] = np.inf
+    inside = int(np.count_nonzero(steps < np.inf))
+    if not inside:
         raise TimeError("no segment holds two samples, so there is no sample rate; record longer segments")
-    return float(1.0 / np.median(steps[inside]))
+    return 1.0 / _median(steps, inside)
+
+
+def _median(values: Array, count: int) -> float:
+    """Return the median of so many smallest values; of many by ordering the few that a sample of them has it among."""
+    below, few, middle = 0, values, np.array([(count - 1) // 2, count // 2])
+    if count > _MANY:
+        low, high = np.quantile(values[:: count // _MANY], [0.47, 0.53])
+        below, few = int(np.count_nonzero(values < low)), values[(values >= low) & (values <= high)]
+    if not below <= middle[0] <= middle[1] < below + few.size:
+        below, few = 0, values
+    return float(np.partition(few, middle - below)[middle - below].mean())
 
 
 def delay_budget(recording: xr.Dataset, rig: "RigSpec | None") -> DelayBudget:
@@ -124,11 +136,12 @@ def hidden_quantisation(budget: DelayBudget, frequency_hz: NDArray[np.float64], 
     drive, and the residual knows nothing of them. They are lsb/√12 times √(2/m), m halved where it is even since
     rounding treats both half waves alike. Zero where no phase comes twice, for then the residual holds them.
     """
-    turns = frequency_hz[:, None] / budget.sample_hz * np.arange(1, samples)
+    different, which = np.unique(frequency_hz, return_inverse=True)
+    turns = different[:, None] / budget.sample_hz * np.arange(1, samples)
     same = np.abs(turns - np.rint(turns)) * samples / np.arange(1, samples) < _REPEATS
     distinct = np.argmax(same, axis=1) + 1
     distinct = np.where(distinct % 2 == 0, distinct // 2, distinct)
-    return np.where(same.any(axis=1), budget.drive_lsb_rad * np.sqrt(2.0 / (12.0 * distinct)), 0.0)
+    return np.where(same.any(axis=1), budget.drive_lsb_rad * np.sqrt(2.0 / (12.0 * distinct)), 0.0)[which]
 
 
 @dataclass(frozen=True)
@@ -200,6 +213,15 @@ def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) 
         recording.attrs,
         pose,
     )
+
+
+def by_length(stretches: Sequence[slice]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield which stretches have one length, (s,), with the numbers of their samples, (s, n), the shortest first."""
+    starts = np.array([one.start for one in stretches], dtype=np.int64)
+    sizes = np.array([one.stop for one in stretches], dtype=np.int64) - starts
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size)
+        yield rows, starts[rows, None] + np.arange(size)
 
 
 def _pose_of(segments: list[Segment]) -> RestPose | None:

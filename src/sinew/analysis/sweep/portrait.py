@@ -109,12 +109,13 @@ def lissajous_phase(drive: Array, torsion: Array, step_rad: Array, periods: Arra
     x = drive - drive.mean(axis=1, keepdims=True)
     y = torsion - torsion.mean(axis=1, keepdims=True)
     area = _shoelace(x, y) * (step_rad / np.sin(step_rad)) / periods
-    return wrapped_lag(2.0 * (x * y).mean(axis=1) - 1j * area / np.pi)
+    return wrapped_lag(2.0 / x.shape[1] * np.vecdot(x, y) - 1j * area / np.pi)
 
 
 def _shoelace(x: Array, y: Array) -> Array:
     """Return ∮ x dy over closed polygons, shape (s,): positive counter-clockwise, as torsion behind drive runs."""
-    return np.asarray(0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
+    inside = np.vecdot(x[:, :-1], y[:, 1:]) - np.vecdot(x[:, 1:], y[:, :-1])
+    return np.asarray(0.5 * (inside + x[:, -1] * y[:, 0] - x[:, 0] * y[:, -1]))
 
 
 def fit_ellipse(motion: xr.Dataset) -> Ellipse:

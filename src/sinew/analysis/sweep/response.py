@@ -10,10 +10,25 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import special
 
-from sinew.analysis.signal.attitude import steady_torsion
-from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise, waveform
-from sinew.analysis.signal.power import power_columns, read_power
-from sinew.analysis.signal.signals import Signals, drive_chain, hidden_quantisation, read_signals, torsion_chain
+from sinew.analysis.signal.attitude import steady_torsion, torsion_harmonics
+from sinew.analysis.signal.harmonics import (
+    HARMONICS,
+    Harmonics,
+    add_waves,
+    fit_harmonics,
+    harmonic_design,
+    multiples,
+    relative_noise,
+)
+from sinew.analysis.signal.power import power_columns
+from sinew.analysis.signal.signals import (
+    Signals,
+    by_length,
+    drive_chain,
+    hidden_quantisation,
+    read_signals,
+    torsion_chain,
+)
 from sinew.analysis.sweep.portrait import lissajous_phase
 from sinew.measure.arrays import Array, Complexes, mean_and_spread, wrapped_lag
 from sinew.measure.errors import RecordingError
@@ -30,10 +45,12 @@ DRIFT_THRESHOLD = 0.005
 _DRIFT_SIGNIFICANCE = 3.0
 _DUTY_SHARE = 0.99
 _CREST = 0.5
+_CYCLE = multiples(2.0 * np.pi * np.arange(720) / 720, HARMONICS)
 
 _COLUMNS = tuple(
     name for name, row in RESULT_VARIABLES.items() if row.dims == ("pretension_mm", "frequency_hz", "repeat")
 )
+_FURTHER = ("transfer", "nominal_transfer", "nominal_gain_std", "nominal_phase_std", "power_per_inertia")
 
 
 @dataclass(frozen=True)
@@ -87,29 +104,26 @@ def estimate_response(recording: xr.Dataset | Signals, rig: "RigSpec | None" = N
     steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
     if not steady:
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")
-    rig, power = signals.rig, read_power(signals)
-    limit = _DUTY_SHARE * (1.0 if rig is None else rig.drive.duty_limit.value)
-    flat: dict[str, NDArray[Any]] = {name: np.full(len(steady), np.nan) for name in _COLUMNS}
-    for name in ("transfer", "nominal_transfer"):
-        flat[name] = np.full(len(steady), np.nan + 0j)
-    for name in ("nominal_gain_std", "nominal_phase_std", "power_per_inertia"):
-        flat[name] = np.full(len(steady), np.nan)
-    analysed = 0
-    for batch in _batches(signals, steady):
-        try:
-            columns = _analyse_batch(signals, batch)
-        except ValueError:
-            continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
-        analysed += batch.rows.size
-        columns |= _motor_columns(signals, batch, limit)
-        columns |= power_columns(power, batch.time, batch.samples, batch.frequency)
-        if rig is not None and "power_per_inertia" in columns:
-            columns["drive_mechanical_w"] = rig.inertia.lever.value * columns["power_per_inertia"]
-        for name, values in columns.items():
-            flat[name][batch.rows] = values
-    if not analysed:
+    found = list(_measured(signals, steady))
+    if not found:
         raise RecordingError("every steady segment is shorter than one period of its drive; record whole periods")
+    fitted = Harmonics(**_joined([vars(harmonics) for harmonics, _ in found]))
+    measured = _joined([columns for _, columns in found])
+    rows = measured.pop("rows")
+    columns = _columns(signals, fitted, measured)
+    if signals.rig is not None and "power_per_inertia" in columns:
+        columns["drive_mechanical_w"] = signals.rig.inertia.lever.value * columns["power_per_inertia"]
+    flat: dict[str, NDArray[Any]] = {}
+    for name in (*_COLUMNS, *_FURTHER):
+        flat[name] = np.full(len(steady), np.nan, dtype=complex if name.endswith("transfer") else float)
+        if name in columns:
+            flat[name][rows] = columns[name]
     return _on_grid([segment for segment, _ in steady], flat)
+
+
+def _joined(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return columns of several batches as those of one."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[_Batch]:
@@ -120,38 +134,60 @@ def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[
         channels.append(signals.drive.values)
         if "drive_command_rad" in signals.recorded and signals.drive.unit == "rad":
             channels.append(signals.recorded["drive_command_rad"].astype(float))
-    sizes = np.array([where.stop - where.start for _, where in steady])
-    for size in np.unique(sizes):
-        rows = np.flatnonzero(sizes == size)
-        samples = np.array([steady[row][1].start for row in rows])[:, None] + np.arange(size)
-        frequency, nominal = np.array([[steady[i][0].frequency_hz, steady[i][0].amplitude_deg] for i in rows]).T
+    asked = np.array([[segment.frequency_hz, math.radians(segment.amplitude_deg)] for segment, _ in steady])
+    for rows, samples in by_length([where for _, where in steady]):
+        frequency, nominal = asked[rows].T
         sampled = np.stack([channel[samples] for channel in channels], axis=1)
-        yield _Batch(rows, samples, signals.time_s[samples], frequency, np.deg2rad(nominal), sampled)
+        yield _Batch(rows, samples, signals.time_s[samples], frequency, nominal, sampled)
 
 
-def _analyse_batch(signals: Signals, batch: _Batch) -> dict[str, NDArray[Any]]:
-    """Return the response columns of one batch by name, each of shape (s,)."""
-    response, drive, budget, nominal = signals.response, signals.drive, signals.budget, batch.nominal
-    fitted = fit_harmonics(batch.time, batch.signal, batch.frequency)
-    order = np.arange(1, fitted.coefficient.shape[2] + 1) * batch.frequency[:, None]
-    torsion = (
-        fitted.coefficient[:, 0] / torsion_chain(budget, order) / (2j * np.pi * order if response.is_rate else 1.0)
-    )
-    sensed = steady_torsion(batch.time, batch.signal[:, 0], fitted, response.is_rate)
-    peaks = _mean_peaks(batch, fitted, response.is_rate, sensed) / np.abs(torsion_chain(budget, batch.frequency))
+def _measured(
+    signals: Signals, steady: list[tuple[Segment, slice]]
+) -> Iterator[tuple[Harmonics, dict[str, NDArray[Any]]]]:
+    """Yield what is read off the samples of batches of steady segments: harmonics, and columns of shape (s,) by name.
+
+    These are, beside those of the motors' registers: rows; nominal [rad]; peaks of the torsion as sensed; of a measured
+    drive its hidden quantisation [rad] and figure, the lag by the Lissajous figure of what was sensed [rad].
+    """
+    response, drive, rig = signals.response, signals.drive, signals.rig
+    limit = _DUTY_SHARE * (1.0 if rig is None else rig.drive.duty_limit.value)
+    for batch in _batches(signals, steady):
+        design = harmonic_design(batch.time, batch.frequency)
+        try:
+            fitted = fit_harmonics(batch.time, batch.signal, batch.frequency, design)
+        except ValueError:
+            continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
+        sensed, harmonic = steady_torsion(batch.time, batch.signal[:, 0], fitted, response.is_rate, design)
+        peaks = _mean_peaks(torsion_harmonics(fitted, response.is_rate), sensed - harmonic, design[:, 2:])
+        columns = {"rows": batch.rows, "nominal": batch.nominal, "peaks": peaks}
+        if drive is not None:
+            columns["hidden"] = hidden_quantisation(signals.budget, batch.frequency, batch.time.shape[1])
+            columns["figure"] = _figure_phase(batch, sensed)
+        columns |= _motor_columns(signals, batch, limit)
+        columns |= power_columns(signals, batch.time, batch.samples, batch.frequency)
+        yield fitted, columns
+
+
+def _columns(signals: Signals, fitted: Harmonics, measured: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the response columns of steady segments by name, each of shape (s,), those that were measured among
+    them."""
+    response, drive, budget, frequency = signals.response, signals.drive, signals.budget, fitted.frequency_hz
+    nominal, peaks = measured["nominal"], measured["peaks"] / np.abs(torsion_chain(budget, frequency))
+    order = np.arange(1, HARMONICS + 1) * frequency[:, None]
+    torsion = torsion_harmonics(fitted, response.is_rate) / torsion_chain(budget, order)
     spread, own_wobble = relative_noise(fitted, 0)
-    out = {"distortion": _distortion(torsion), **_settled(fitted)}
+    out = {**measured, "distortion": _distortion(torsion), **_settled(fitted)}
     if response.is_rate or response.unit == "rad":
         size = np.abs(torsion[:, 0])
         out |= {"amplitude_rad": size, "amplitude_std_rad": size * spread, "amplitude_peaks_rad": peaks}
     if drive is None:
-        return out | _nominal_gain(torsion[:, 0], peaks, nominal, np.ones(batch.rows.size), spread, own_wobble)
+        return out | _nominal_gain(torsion[:, 0], peaks, nominal, np.ones(nominal.size), spread, own_wobble)
     driven = fitted.coefficient[:, 1] / drive_chain(budget, order)
     out["drive_distortion"] = _distortion(driven)
     hidden = np.zeros(nominal.size)
     if drive.unit == "rad":
         size = np.abs(driven[:, 0])
-        hidden = _ratio(hidden_quantisation(budget, batch.frequency, batch.time.shape[1]), size)
+        hidden = _ratio(measured["hidden"], size)
         spread_of_drive = np.hypot(relative_noise(fitted, 1)[0], hidden)
         out |= {"drive_amplitude_rad": size, "drive_amplitude_std_rad": size * spread_of_drive}
         out["power_per_inertia"] = -0.5 * np.nansum((2.0 * np.pi * order) ** 3 * (torsion * driven.conj()).imag, axis=1)
@@ -162,9 +198,9 @@ def _analyse_batch(signals: Signals, batch: _Batch) -> dict[str, NDArray[Any]]:
     gain = np.abs(transfer)
     out |= {"transfer": transfer, "gain_measured_drive": gain, "gain_measured_drive_std": gain * gain_std}
     out |= {"phase_lag_rad": wrapped_lag(transfer), "phase_std_rad": phase_std}
-    out["phase_delay_std_rad"] = 2.0 * np.pi * batch.frequency * budget.delay_std_s
-    late = np.angle(torsion_chain(budget, batch.frequency) / drive_chain(budget, batch.frequency))
-    out["lissajous_phase_rad"] = _figure_phase(batch, sensed, late)
+    out["phase_delay_std_rad"] = 2.0 * np.pi * frequency * budget.delay_std_s
+    late = np.angle(torsion_chain(budget, frequency) / drive_chain(budget, frequency))
+    out["lissajous_phase_rad"] = wrapped_lag(np.exp(-1j * (measured["figure"] + late)))
     nominal = np.where(np.isfinite(nominal), nominal, np.abs(driven[:, 0]))
     commanded = fitted.coefficient.shape[1] == 3
     command = fitted.coefficient[:, 2, 0] if commanded else driven[:, 0]
@@ -207,31 +243,27 @@ def _nominal_gain(
     }
 
 
-def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool, angle: Array) -> Array:
-    """Return the mean of positive and negative peaks of the torsion as sensed, (s, n) (paper, section 4.1), shape (s,).
+def _mean_peaks(coefficient: Complexes, beyond: Array, waves: Array) -> Array:
+    """Return the mean of positive and negative peaks of the torsion as sensed (paper, section 4.1), shape (s,).
 
+    coefficient: its harmonics, (s, h). beyond: what the samples have beyond them, (s, n). waves: cosines and sines of
+    the samples' phases, (s, 2h, n).
     A crest is the mean waveform's crest plus the mean of what the samples within 0.5 rad of it, in all periods, have
     beyond that waveform: noise does not push it up, as it does the largest sample, and sampling does not cut it.
     """
-    omega = 2.0 * np.pi * batch.frequency[:, None]
-    order = np.arange(1, fitted.coefficient.shape[2] + 1)
-    coefficient = fitted.coefficient[:, 0] / (1j * order * omega if is_rate else 1.0)
-    phase = omega * (batch.time - fitted.reference_s[:, None])
-    beyond = angle - waveform(coefficient, phase)
-    grid = 2.0 * np.pi * np.arange(720) / 720
-    cycle = waveform(coefficient, grid)
-    extent = np.zeros(batch.rows.size)
-    for sign in (1.0, -1.0):
-        crest = np.argmax(sign * cycle, axis=1)
-        near = np.cos(phase - grid[crest][:, None]) >= np.cos(_CREST)
-        local = np.asarray(_ratio((beyond * near).sum(axis=1), near.sum(axis=1).astype(float)))
-        extent += sign * (np.take_along_axis(cycle, crest[:, None], axis=1)[:, 0] + local)
+    cycle = add_waves(coefficient, _CYCLE)
+    each = np.arange(cycle.shape[0])
+    extent = np.zeros(each.size)
+    for sign, crest in ((1.0, cycle.argmax(axis=1)), (-1.0, cycle.argmin(axis=1))):
+        cosine, sine = _CYCLE[::HARMONICS, crest, None]
+        near = cosine * waves[:, 0] + sine * waves[:, HARMONICS] >= np.cos(_CREST)
+        local = _ratio((beyond * near).sum(axis=1), np.count_nonzero(near, axis=1).astype(float))
+        extent += sign * (cycle[each, crest] + local)
     return 0.5 * extent
 
 
-def _figure_phase(batch: _Batch, torsion: Array, late: Array) -> Array:
-    """Return the lag by the Lissajous figure of a torsion (s, n), shape (s,), less what the chain's phase `late` [rad],
-    (s,), makes of it."""
+def _figure_phase(batch: _Batch, torsion: Array) -> Array:
+    """Return the lag by the Lissajous figure of a torsion (s, n), shape (s,)."""
     span = (batch.time[:, -1] - batch.time[:, 0]) * torsion.shape[1] / (torsion.shape[1] - 1)
     periods = np.maximum(1.0, np.floor(span * batch.frequency + 0.02))
     step = 2.0 * np.pi * batch.frequency * span / torsion.shape[1]
@@ -241,14 +273,15 @@ def _figure_phase(batch: _Batch, torsion: Array, late: Array) -> Array:
         rows = np.flatnonzero(whole == count)
         drive = batch.signal[rows, 1, :count]
         lag[rows] = lissajous_phase(drive, torsion[rows, :count], step[rows], periods[rows])
-    return wrapped_lag(np.exp(-1j * (lag + late)))
+    return lag
 
 
 def _motor_columns(signals: Signals, batch: _Batch, limit: float) -> dict[str, NDArray[Any]]:
     """Return the share of samples at the duty limit and the root mean square of the drive current, where recorded."""
     out: dict[str, NDArray[Any]] = {}
     if "drive_pwm" in signals.recorded:
-        out["saturated_share"] = (np.abs(signals.recorded["drive_pwm"][batch.samples]) >= limit).mean(axis=1)
+        saturated = np.abs(signals.recorded["drive_pwm"][batch.samples]) >= limit
+        out["saturated_share"] = np.count_nonzero(saturated, axis=1) / batch.time.shape[1]
     if "drive_current_a" in signals.recorded:
         out["drive_current_rms_a"] = np.sqrt((signals.recorded["drive_current_a"][batch.samples] ** 2).mean(axis=1))
     return out

@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -33,20 +34,25 @@ def provenance(source: str, *, rig: str = "", plan: str = "", seed: int | None =
     rig, plan: their TOML texts, whole; empty where there is none.
     seed: of the random numbers, or None.
     """
+    return {
+        "source": source,
+        "rig": rig,
+        "plan": plan,
+        "versions": _versions(),
+        "seed": -1 if seed is None else int(seed),
+        **more,
+    }
+
+
+@cache
+def _versions() -> str:
     versions = [f"sinew {__version__}", f"python {platform.python_version()}"]
     for package in _PACKAGES:
         try:
             versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    return {
-        "source": source,
-        "rig": rig,
-        "plan": plan,
-        "versions": "; ".join(versions),
-        "seed": -1 if seed is None else int(seed),
-        **more,
-    }
+    return "; ".join(versions)
 
 
 def content_hash(dataset: xr.Dataset) -> str:
