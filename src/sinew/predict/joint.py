@@ -52,19 +52,19 @@ _LEVER = Coordinate("lever", "odd", 2)
 _PLACE = 2 * (2 + BRANCHES)
 
 
-def _state(u: jax.Array, lever: jax.Array, lever_rate: jax.Array, bristles: jax.Array) -> State:
+def _state(u: Any, lever: jax.Array, lever_rate: jax.Array, bristles: Any) -> State:
     n, zero = BRANCHES, jnp.zeros(())
     memory, axial = tuple(u[2 + i] for i in range(n)), tuple(u[4 + n + i] for i in range(n))
     return State(u[0], u[1], u[2 + n], u[3 + n], lever, lever_rate, memory, axial, zero, zero, tuple(bristles))
 
 
-def _free(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
+def _free(u: Any, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
     p = as_one_tendon(p)._replace(omega=omega)
     now = rate(phase / omega, _state(u, u[_PLACE], u[_PLACE + 1], u[_PLACE + 2 :]), p)
     return jnp.stack([now.torsion_rate, now.shortening_rate, now.lever_rate, *now.bristles])
 
 
-def _prescribed(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
+def _prescribed(u: Any, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
     p = as_one_tendon(p)._replace(omega=omega)
     goal, goal_rate, _ = commanded_angle(phase / omega, p)
     now = rate(phase / omega, _state(u, goal, goal_rate, u[_PLACE:]), p)
@@ -79,13 +79,13 @@ def _bristles(count: int) -> tuple[Coordinate, ...]:
 @cache
 def free_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever is moved by its servo; bristles: of its guides' friction."""
-    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2)
+    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2, apart=True)
 
 
 @cache
 def prescribed_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever follows its command exactly."""
-    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed)
+    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed, apart=True)
 
 
 _Driven = TypeVar("_Driven", Parameters, "_Measured")
@@ -149,7 +149,7 @@ class _Measured(NamedTuple):
     orders: jax.Array
 
 
-def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> jax.Array:
+def _rates(u: Any, phase: jax.Array, omega: jax.Array, p: _Measured) -> jax.Array:
     def at(values: jax.Array) -> jax.Array:
         return jnp.interp(omega, p.omega, values)
 
@@ -164,7 +164,7 @@ def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> ja
 @cache
 def _measured_lever(bristles: int) -> Equations:
     """Return the equations of a joint whose lever moves as it was measured."""
-    return Equations(prescribed_lever(bristles).coordinates, _rates)
+    return Equations(prescribed_lever(bristles).coordinates, _rates, apart=True)
 
 
 def lever_problem(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sinew.measure.arrays import Array
 
 Parity = Literal["odd", "even", "all"]
-Rates = Callable[[jax.Array, jax.Array, jax.Array, Any], jax.Array]
+Rates = Callable[[Any, jax.Array, jax.Array, Any], jax.Array]
 
 
 _XLA = tuple(int(part) for part in version("jaxlib").split(".")[:3] if part.isdigit())
@@ -47,12 +47,15 @@ class Equations(NamedTuple):
     rates(u, τ, Ω, p) returns those, (c,): u are the channels (k,) at the phase τ, coordinate by coordinate its lower
     derivatives from 0 on and then its lagging copies; p is any tree of numbers.
     response: index of the coordinate that is looked at. drive: index of the coordinate that drives, None for sin τ.
+    apart: whether u may be a tuple of k numbers too, and of the channels few but the coordinates themselves reach what
+    costs most.
     """
 
     coordinates: tuple[Coordinate, ...]
     rates: Rates
     response: int = 0
     drive: int | None = None
+    apart: bool = False
 
 
 class Size(NamedTuple):
@@ -170,16 +173,22 @@ def _filters(coordinate: Coordinate, h: Array, omega: jax.Array) -> tuple[jax.Ar
 
 def channels(q: jax.Array, omega: jax.Array, equations: Equations, at: Grid, harmonics: int) -> Channels:
     """Return the channels of a motion q (m,) [in the coordinates' units] at Ω [rad/s] on the phases of a grid."""
-    values: list[jax.Array] = []
-    slopes: list[jax.Array] = []
-    parts = slices(equations, harmonics)
-    for coordinate, part, h, cos, sin in zip(equations.coordinates, parts, at.orders, at.cos, at.sin, strict=True):
-        real, imaginary, real_slope, imaginary_slope = _filters(coordinate, h.astype(float), omega)
-        a, b = q[part][: h.size], q[part][h.size :]
-        if h[0] == 0:
-            b = jnp.concatenate([jnp.zeros(1), b])
-        for rows, i_th, r_th in ((values, imaginary, real), (slopes, imaginary_slope, real_slope)):
-            rows.append((r_th * a + i_th * b) @ cos.T + (r_th * b - i_th * a) @ sin.T)
+    parts, kinds = slices(equations, harmonics), _kinds(equations, harmonics)
+    found: dict[int, tuple[jax.Array, jax.Array]] = {}
+    for kind in kinds:  # whose waves are summed at once
+        h, rows = kind.orders.astype(float), []
+        for i in kind.members:
+            real, imaginary, real_slope, imaginary_slope = _filters(equations.coordinates[i], h, omega)
+            a, b = q[parts[i]][: h.size], q[parts[i]][h.size :]
+            if h[0] == 0:
+                b = jnp.concatenate([jnp.zeros(1), b])
+            for r_th, i_th in ((real, imaginary), (real_slope, imaginary_slope)):
+                rows.append(jnp.concatenate([r_th * a + i_th * b, r_th * b - i_th * a], axis=1))
+        first = kind.members[0]
+        summed = jnp.concatenate(rows) @ np.concatenate([at.cos[first], at.sin[first]], axis=1).T
+        each = jnp.split(summed, np.cumsum([len(row) for row in rows])[:-1])
+        found |= dict(zip(kind.members, zip(each[::2], each[1::2], strict=True), strict=True))
+    values, slopes = zip(*(found[i] for i in range(len(parts))), strict=True)
     lower, lower_slopes = (jnp.concatenate([row[:-1] for row in rows]) for rows in (values, slopes))
     top, top_slopes = (jnp.stack([row[-1] for row in rows]) for rows in (values, slopes))
     return Channels(lower, lower_slopes, top, top_slopes)
@@ -233,6 +242,36 @@ def _rates(
     at_once = jax.vmap(jax.jacfwd(rates, argnums=(0, 2), has_aux=True), in_axes=(1, 0, None), out_axes=-1)
     (local, by_omega), here = at_once(values, phase, omega)
     return here, local, by_omega
+
+
+def _rates_apart(
+    values: jax.Array, phase: jax.Array, omega: jax.Array, p: Any, equations: Equations
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return what `_rates` does: the slope by each coordinate by itself, by all other channels at once, and by Ω.
+
+    The other channels do not reach what costs most, the geometry; JAX leaves out what a channel by itself, or these
+    together, do not reach. All at once with the coordinates they took two thirds of a balance's time in it.
+    """
+    count, sizes = len(values), [c.order + len(c.relaxed) for c in equations.coordinates]
+    alone = [int(k) for k in np.cumsum([0, *sizes[:-1]])]
+    groups = [*([k] for k in alone), [k for k in range(count) if k not in alone], [count]]
+
+    def at_once(u: tuple[jax.Array, ...], phase: jax.Array, omega: jax.Array) -> tuple[Any, Any]:
+        here, linear = jax.linearize(lambda *given: tuple(equations.rates(given[:-1], phase, given[-1], p)), *u, omega)
+
+        def along(group: list[int]) -> Any:
+            def pushed(z: jax.Array) -> Any:
+                return linear(*(z[group.index(k)] if k in group else jnp.zeros(()) for k in range(count + 1)))
+
+            return jax.jacfwd(pushed)(jnp.zeros(len(group)))
+
+        return here, [along(group) for group in groups]
+
+    here, (*slopes, by_omega) = jax.vmap(at_once, in_axes=(0, 0, None), out_axes=-1)(tuple(values), phase, omega)
+    place = {k: (slope, i) for group, slope in zip(groups, slopes, strict=False) for i, k in enumerate(group)}
+    found = [place[k] for k in range(count)]
+    local = jnp.stack([jnp.stack([slope[c][i] for slope, i in found]) for c in range(len(here))])
+    return jnp.stack(here), local, jnp.concatenate(by_omega)
 
 
 class _Kind(NamedTuple):
@@ -305,21 +344,25 @@ def _hill(local: jax.Array, omega: jax.Array, equations: Equations, at: Grid, ha
             own_real, own_imaginary = (filters[i][part][-1] for part in (0, 1))
             whole = whole.at[place, place].add(-own_real)
             whole = whole.at[place[0], place[1]].add(-own_imaginary).at[place[1], place[0]].add(own_imaginary)
-    return whole[:-1, :-1]
+    return whole[:-1]
 
 
-def balance(x: jax.Array, lane: Lane, equations: Equations, size: Size) -> Balance:
-    """Return the balance at scaled unknowns x (m + 1,)."""
+def balance(x: jax.Array, lane: Lane, equations: Equations, size: Size, *, often: bool = False) -> Balance:
+    """Return the balance at scaled unknowns x (m + 1,).
+
+    often: whether it is asked so often that slopes are worth twice the time to trace and compile, see `_rates_apart`.
+    """
     at = grid(equations, size)
     q, omega = motion(x, lane, equations, size.harmonics)
     u = channels(q, omega, equations, at, size.harmonics)
-    here, local, by_omega = _rates(u.values, jnp.asarray(at.phase), omega, lane.p, equations)
+    rates = _rates_apart if often and equations.apart else _rates
+    here, local, by_omega = rates(u.values, jnp.asarray(at.phase), omega, lane.p, equations)
     over = here - u.top
-    by_omega = by_omega + jnp.einsum("ckn,kn->cn", local, u.slopes) - u.top_slopes
+    by_omega = by_omega + jnp.sum(local * u.slopes, axis=1) - u.top_slopes
     left, last = (
         jnp.concatenate([project @ row[c] for c, project in enumerate(at.project)]) for row in (over, by_omega)
     )
-    slope = jnp.concatenate([_hill(local, omega, equations, at, size.harmonics), last[:, None]], axis=1)
+    slope = _hill(local, omega, equations, at, size.harmonics).at[:, -1].set(last)
     return Balance(left, slope * jnp.append(scales(lane, equations, size.harmonics), lane.omega), local)
 
 

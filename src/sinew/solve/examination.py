@@ -194,7 +194,7 @@ def half_map(local: jax.Array, omega: jax.Array, equations: Equations) -> jax.Ar
     count, _, samples = local.shape
     wanted = _INTERVALS if symmetric else 2 * _INTERVALS
     together = max(d for d in range(1, samples + 1) if samples % d == 0 and samples // d >= min(wanted, samples))
-    mean = jnp.mean(local.reshape(count, total, -1, together), axis=3).transpose(2, 0, 1)
+    mean = jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0).transpose(2, 0, 1)
     h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[0]
     ahead, spread, solutions = jnp.eye(total), [], []
     for pole, weight in _poles():
@@ -266,7 +266,7 @@ def pool() -> ThreadPoolExecutor:
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    return jax.vmap(lambda x, lane: balance(x, lane, equations, size)[:2])(x, lane)
+    return jax.vmap(lambda x, lane: balance(x, lane, equations, size, often=True))(x, lane)
 
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
@@ -277,13 +277,9 @@ def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tupl
     return (jax.vmap(one)(x, lane),)
 
 
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
-def _balances_and_maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
-        left, slope, local = balance(x, lane, equations, size)
-        return left, slope, half_map(local, x[-1] * lane.omega, equations)
-
-    return jax.vmap(one)(x, lane)
+@partial(jax.jit, static_argnames=("equations",), compiler_options=QUICK_COMPILE)
+def _maps_there(local: jax.Array, omega: jax.Array, *, equations: Equations) -> jax.Array:
+    return jax.vmap(lambda local, omega: half_map(local, omega, equations))(local, omega)
 
 
 def in_blocks(
@@ -311,7 +307,12 @@ def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluati
     if not len(x):
         m = x.shape[1] - 1
         return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)))
-    return Evaluation(*in_blocks(_balances, x, lane, equations, size))
+
+    def compiled(x: Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+        left, slope, _ = _balances(x, lane, equations=equations, size=size)
+        return left, slope
+
+    return Evaluation(*in_blocks(compiled, x, lane, equations, size))
 
 
 def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
@@ -330,11 +331,10 @@ def _corrected(
     """
 
     def compiled(given: tuple[Array, Array], lane: Lane, *, equations: Equations, size: Size) -> tuple[Array, ...]:
-        left, slope, *maps = map(
-            np.asarray, (_balances_and_maps if mapped else _balances)(given[0], lane, equations=equations, size=size)
-        )
-        matrix = np.concatenate([slope, given[1][:, None, :]], axis=1)
-        return solved(matrix, np.concatenate([-left, np.zeros((len(left), 1))], axis=1)), *maps
+        left, slope, local = _balances(given[0], lane, equations=equations, size=size)
+        matrix = np.concatenate([np.asarray(slope), given[1][:, None, :]], axis=1)
+        change = solved(matrix, np.concatenate([-np.asarray(left), np.zeros((len(left), 1))], axis=1))
+        return change, *([_maps_there(local, given[0][:, -1] * lane.omega, equations=equations)] if mapped else [])
 
     return in_blocks(compiled, (x, normals), lane, equations, size)
 
