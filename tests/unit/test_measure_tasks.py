@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from sinew.measure import tasks
 from sinew.measure.errors import FileError, SinewError, SpecError
@@ -26,7 +25,6 @@ from sinew.measure.tasks import (
     digest_of,
     each_task,
     run_tasks,
-    with_one_blas_thread,
 )
 
 
@@ -296,15 +294,44 @@ def test_after_an_interrupt_no_process_begins_what_waits(log: Path, tmp_path: Pa
     assert "pausing" not in done.stderr, "a process of the pool has nothing to say"
 
 
-def blas_threads() -> set[int]:
+BLAS = """
+import numpy
+from threading import Event, Thread
+from threadpoolctl import threadpool_info
+from sinew.measure.tasks import with_one_blas_thread
+
+def threads():
     return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 
+@with_one_blas_thread
+def first():
+    begun.set()
+    ended.wait(10.0)
 
-def test_blas_has_one_thread_for_the_time_of_a_call(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    with threadpool_limits(2, "blas"):
-        assert with_one_blas_thread(blas_threads)() == {1}
-        assert blas_threads() == {2}
+@with_one_blas_thread
+def second():
+    ended.set()
+    beside.join()
+    return threads()
+
+begun, ended, beside = Event(), Event(), Thread(target=first)
+at_first = threads()
+beside.start()
+begun.wait(10.0)
+print([at_first, second(), threads(), with_one_blas_thread(threads)(), threads()])
+"""
+
+
+def test_blas_has_one_thread_for_the_time_of_calls_and_of_those_that_overlap() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BLAS],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "2"},
+    )
+    assert done.stdout.strip() == "[{2}, {1}, {2}, {1}, {2}]"
 
 
 def alone(code: str, cores: int = 2) -> str:
@@ -333,10 +360,16 @@ def who(number):
     time.sleep(0.05)
     return number, os.getpid()
 
-def lost(number):
+def while_it_works(number):
     if number == 3 and os.getpid() != first:
         os.kill(os.getpid(), signal.SIGKILL)
     return who(number)
+
+def while_it_sends(number):
+    if number == 9 and os.getpid() != first:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    return *who(number), bytes(50_000)
 
 def failing(number):
     if number == 3:
@@ -358,10 +391,51 @@ def test_a_process_with_another_thread_is_not_copied() -> None:
     assert alone(code) == "True"
 
 
-def test_what_a_copy_took_with_it_is_made_here() -> None:
-    code = "with halved(lost, range(10)) as rest:\n    time.sleep(1.0)\n    found = rest()\n"
-    code += "print([number for number, _ in found] == list(range(10)), {pid for _, pid in found} == {first})"
+@pytest.mark.parametrize("losing", ["while_it_works", "while_it_sends"])
+def test_what_a_copy_took_with_it_is_made_here(losing: str) -> None:
+    code = f"with halved({losing}, range(10)) as rest:\n    time.sleep(1.0)\n    found = rest()\n"
+    code += "print([number for number, *_ in found] == list(range(10)), {pid for _, pid, *_ in found} == {first})"
     assert alone(code) == "True True"
+
+
+def test_a_copy_ends_with_who_began_it(tmp_path: Path) -> None:
+    code = f"""
+def much(number):
+    Path({str(tmp_path)!r}, f"{{number}}-{{os.getpid()}}").touch()
+    time.sleep(0.05)
+    return bytes(50_000)  # more than a pipe holds: it waits for a reader
+
+def has_ended(process):  # dead, perhaps not yet waited for
+    stat = Path("/proc", process, "stat")
+    return not stat.exists() or stat.read_text().split()[2] == "Z"
+
+if os.fork() == 0:
+    first = os.getpid()
+    with halved(much, range(8)) as rest:
+        time.sleep(0.2)
+        os.kill(first, signal.SIGKILL)
+os.wait()
+time.sleep(1.0)
+calls = [path.name.split("-") for path in Path({str(tmp_path)!r}).iterdir()]
+copies = {{process for _, process in calls}}
+print(len(copies), all(map(has_ended, copies)), len(calls) < 8)
+"""
+    assert alone(code) == "1 True True"
+
+
+@pytest.mark.parametrize(
+    "hindrance",
+    [
+        "os.fork = lambda: (_ for _ in ()).throw(BlockingIOError(11, 'no process left'))",
+        "signal.signal(signal.SIGCHLD, signal.SIG_IGN)",
+        "current_process()._config['daemon'] = True",
+    ],
+    ids=["no fork", "children not waited for", "a daemon"],
+)
+def test_all_calls_are_made_where_a_copy_is_hindered(hindrance: str) -> None:
+    code = f"from multiprocessing import current_process\n{hindrance}\n"
+    code += "with halved(who, range(10)) as rest:\n    print([number for number, _ in rest()] == list(range(10)))"
+    assert alone(code) == "True"
 
 
 def test_what_a_call_raises_in_a_copy_is_raised_here() -> None:

@@ -21,15 +21,16 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, partial, wraps
 from importlib.metadata import PackageNotFoundError, version
 from inspect import getsourcefile
-from multiprocessing import get_context
+from multiprocessing import current_process, get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Event
+from threading import Event, Lock
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
@@ -117,12 +118,30 @@ def with_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
         if os.environ.get(_BLAS) == "1":
             return function(*args, **kwargs)
-        from threadpoolctl import threadpool_limits  # no command needs it
-
-        with threadpool_limits(1, "blas"):
+        with _one_blas_thread():
             return function(*args, **kwargs)
 
     return limited
+
+
+_limiting = Lock()
+_limits: list[Any] = []
+"""Of BLAS, as long as calls that leave it one thread overlap: what the first of them found, once for each."""
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    from threadpoolctl import threadpool_limits  # no command needs it
+
+    with _limiting:
+        _limits.append(_limits[0] if _limits else threadpool_limits(1, "blas"))
+    try:
+        yield
+    finally:
+        with _limiting:
+            before = _limits.pop()
+            if not _limits:
+                before.restore_original_limits()
 
 
 def run_tasks(
@@ -351,72 +370,88 @@ def _environment(settings: Mapping[str, str]) -> Iterator[None]:
 # ---- a copy of this process
 
 
-_FEWEST_SHARED, _MOST_SHARED = 4, 10_000  # calls; their claims must find room in a pipe
+_FEWEST_SHARED, _MOST_CLAIMS = 4, 1000
 _CLAIM = 4
-"""Bytes of a claim, the place of a call: whoever reads them makes it, and no one else can."""
+"""Bytes of a claim, so that all of them find room in the smallest pipe. Whoever reads one has it, and no one else."""
 
 _COPY_S = 600.0
-"""How long what a copy of this process makes is waited for."""
+"""How long what a copy of this process made is waited for."""
 
 
 @contextmanager
 def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[[], list[R]]]:
     """Begin calls in a copy of this process, and give what makes those left and returns all results, in their order.
 
-    function: pure, its results such as can be pickled; called here for an item that failed there, or was lost with the
-    copy. The copy is a fork, begun in milliseconds where a new process takes half a second to import what this one
-    holds. Only a process of one thread, on Linux and with a core to spare, is copied; in others all calls are made
-    here.
+    function: pure, its results such as can be pickled. A call that failed in the copy, or was lost with it, is made
+    here; warnings that it gave there are not seen.
+    The copy is a fork, begun in milliseconds where a new process takes half a second to import what this one holds.
+    Only a process of one thread, on Linux, with a core to spare and allowed children, is copied; in any other, and
+    where a fork fails, all calls are made here.
 
     >>> with halved(abs, [-1, 2, -3]) as rest:
     ...     rest()
     [1, 2, 3]
     """
-    if not (_FEWEST_SHARED <= len(items) <= _MOST_SHARED and cores() > 1 and _has_one_thread()):
+    if len(items) < _FEWEST_SHARED or cores() < 2 or not _can_be_copied():
         yield lambda: [function(item) for item in items]
         return
-    claims, written = os.pipe()
-    os.write(written, b"".join(place.to_bytes(_CLAIM, "big") for place in range(len(items))))
-    os.close(written)
+    first, fork, every = os.getpid(), get_context("fork"), min(len(items), _MOST_CLAIMS)
+    with ExitStack() as stack:
+        claims, written = os.pipe()
+        stack.callback(os.close, claims)
+        os.write(written, b"".join(place.to_bytes(_CLAIM, "big") for place in range(every)))
+        os.close(written)
+        receiver, sender = (stack.enter_context(end) for end in fork.Pipe(duplex=False))
 
-    def claimed() -> Iterator[int]:
-        while claim := os.read(claims, _CLAIM):
-            yield int.from_bytes(claim, "big")
+        def made() -> Iterator[tuple[int, R]]:
+            while claim := os.read(claims, _CLAIM):
+                for place in range(int.from_bytes(claim, "big"), len(items), every):
+                    yield place, function(items[place])
 
-    def make() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the word on an interrupt is the first one's
-        found: dict[int, R] = {}
-        with suppress(Exception):  # the first makes that call again, and raises what it raises
-            for place in claimed():
-                found[place] = function(items[place])
-        with suppress(BrokenPipeError):
-            sender.send(found)
+        def make() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the word on an interrupt is the first one's
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            receiver.close()
+            found: dict[int, R] = {}
+            with suppress(Exception):  # what a call raises, the first raises when it makes that call again
+                for place, result in made():
+                    if os.getppid() != first:  # which was killed
+                        return
+                    found[place] = result
+            with suppress(Exception):
+                sender.send(found)
 
-    def rest() -> list[R]:
-        found = {place: function(items[place]) for place in claimed()}
-        with suppress(EOFError):
-            if receiver.poll(_COPY_S):
-                found |= receiver.recv()
-        return [found[place] if place in found else function(item) for place, item in enumerate(items)]
+        copy = fork.Process(target=make, daemon=True)
+        with suppress(OSError):  # no memory, or no process left: everything is made here
+            copy.start()
+            stack.callback(_ended, copy)
+        sender.close()
 
-    fork = get_context("fork")
-    receiver, sender = fork.Pipe(duplex=False)
-    copy = fork.Process(target=make, daemon=True)
-    copy.start()
-    sender.close()
-    try:
+        def rest() -> list[R]:
+            found = dict(made())
+            with suppress(EOFError, OSError, pickle.UnpicklingError):  # it ended, perhaps in the middle of a word
+                if receiver.poll(_COPY_S):
+                    found |= receiver.recv()
+            return [found[place] if place in found else function(item) for place, item in enumerate(items)]
+
         yield rest
-    finally:
-        copy.kill()
-        copy.join()
-        copy.close()
-        receiver.close()
-        os.close(claims)
 
 
-def _has_one_thread() -> bool:
-    """Return whether this process has no thread beside this one, of Python or of a library; a fork copies one alone."""
-    return sys.platform == "linux" and sum(1 for _ in Path("/proc/self/task").iterdir()) == 1
+def _can_be_copied() -> bool:
+    """Return whether this process may have children and has no thread, of Python or of a library, beside this one.
+
+    A fork copies one thread alone, and a lock that another held would stay locked.
+    """
+    if sys.platform != "linux" or current_process().daemon:
+        return False
+    return sum(1 for _ in Path("/proc/self/task").iterdir()) == 1
+
+
+def _ended(process: BaseProcess) -> None:
+    process.kill()
+    process.join()
+    with suppress(ValueError):  # nobody can tell that it ended where SIGCHLD is ignored
+        process.close()
 
 
 # ---- a cluster

@@ -25,7 +25,7 @@ _CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
 _BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
 _PLAIN_GAIN = 10.0  # times that, if every sample were independent: then a step need not tell its noise
 _MODE_BETTER = 20.0  # and a further mode
-_PROMISED = 0.8  # of what lets functions in: a fit of which one linear step promises less is not made
+_PROMISED = 0.8  # of the fall that lets functions in: a fit of which one linear step promises less is not made
 _RESOLVED = 1.0  # sums of their decay rates between two modes that are told apart
 _NEAR = 0.25  # relative distance of modes whose beat a smooth course might imitate
 _MULTIPLES = (2, 3, 4, 5)  # of the first mode's frequency that its own waveform holds,
@@ -188,7 +188,7 @@ def _nearest(model: FreeOscillation, y: Array, starts: list[Array]) -> Array:
 def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, starts: list[Array]) -> Course | None:
     """Return the fit of a richer model where it is clearly better than a course of the same samples, else None.
 
-    Where one linear step from the start promises less than half of the gain that takes, it is not made.
+    Where one linear step from the start promises much less than the gain that takes, it is not made.
     """
     y = x / plain.scale
     start = _nearest(model, y, starts)

@@ -53,14 +53,14 @@ def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array, design: Arr
     Records must hold at least one period and more samples than coefficients; ValueError otherwise.
     """
     records, samples = time_s.shape
-    span = (time_s[:, -1] - time_s[:, 0]) * samples / max(samples - 1, 1)
+    if design is None:
+        design = harmonic_design(time_s, frequency_hz)
+    span = (time_s[:, -1] - time_s[:, 0]) * samples / (samples - 1)
     count = int(min(HARMONICS, np.floor(_NYQUIST_SHARE * (samples / span / frequency_hz).min())))
     if count < 1 or (span * frequency_hz).min() < 0.8 or samples < 2 * count + 6:
         raise ValueError(f"{samples} samples over {float(span.min()):g} s cannot hold harmonics of the drive")
     periods = np.maximum(1, np.rint(span * frequency_hz)).astype(int)
     reference = _middle(time_s)
-    if design is None:
-        design = harmonic_design(time_s, frequency_hz)
     if count < HARMONICS:
         design = design[:, [0, 1, *range(2, 2 + count), *range(2 + HARMONICS, 2 + HARMONICS + count)]]
     shape = (records, signal.shape[1])
@@ -226,8 +226,10 @@ def multiples(angle: Array, count: int, before: int = 0) -> Array:
 def harmonic_design(time_s: Array, frequency_hz: Array) -> Array:
     """Return what is fitted to records with stamps (s, n) and frequencies (s,), shape (s, 12, n).
 
-    Rows: one, a ramp from -1 to 1, cos hΩ(t - t₀) for h = 1..5, and sin hΩ(t - t₀).
+    Rows: one, a ramp from -1 to 1, cos hΩ(t - t₀) for h = 1..5, and sin hΩ(t - t₀). ValueError where n is one.
     """
+    if time_s.shape[1] < 2:
+        raise ValueError("a record of one sample holds no harmonics")
     elapsed = time_s - _middle(time_s)[:, None]
     design = multiples(2.0 * np.pi * frequency_hz[:, None] * elapsed, HARMONICS, 2)
     design[:, 0], design[:, 1] = 1.0, elapsed / (0.5 * (time_s[:, -1:] - time_s[:, :1]))

@@ -62,15 +62,16 @@ def least_squares(
                 derivatives = np.nan_to_num(derivatives, nan=0.0, posinf=0.0, neginf=0.0)
         return derivatives
 
-    found, _, _, _, end = optimize.leastsq(
-        deviation,
-        start,
-        Dfun=jacobian,
-        full_output=True,
-        col_deriv=True,
-        ftol=ftol,
-        xtol=xtol,
-        gtol=1e-8,
-        maxfev=most,
-    )
-    return Solution(found, deviation(found), jacobian(found).T, end in (1, 2, 3, 4))
+    with np.errstate(over="ignore", invalid="ignore"):  # of a step too far, from which the search comes back
+        found, _, _, _, end = optimize.leastsq(
+            deviation,
+            start,
+            Dfun=jacobian,
+            full_output=True,
+            col_deriv=True,
+            ftol=ftol,
+            xtol=xtol,
+            gtol=1e-8,
+            maxfev=most,
+        )
+        return Solution(found, deviation(found), jacobian(found).T, end in (1, 2, 3, 4))

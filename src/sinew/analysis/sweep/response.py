@@ -152,8 +152,8 @@ def _measured(
     response, drive, rig = signals.response, signals.drive, signals.rig
     limit = _DUTY_SHARE * (1.0 if rig is None else rig.drive.duty_limit.value)
     for batch in _batches(signals, steady):
-        design = harmonic_design(batch.time, batch.frequency)
         try:
+            design = harmonic_design(batch.time, batch.frequency)
             fitted = fit_harmonics(batch.time, batch.signal, batch.frequency, design)
         except ValueError:
             continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
