@@ -252,3 +252,22 @@ def test_a_single_repeat_keeps_its_fits_interval() -> None:
 
 def test_no_repeat_gives_nan() -> None:
     assert np.isnan(combine_repeats(np.array([np.nan, np.nan]), np.ones(2)).low)
+
+
+def hardening_swept_up(frequency_hz, share: float):
+    """Return the response of a joint of 3.2 Hz whose stiffness grows by a share for a swing as large as the drive's."""
+    size, response = 0.05, []
+    for f in frequency_hz:
+        for _ in range(400):
+            transfer = f**2 / (3.2**2 * (1.0 + share * size**2) - f**2 + 2j * 0.06 * 3.2 * f)
+            size = 0.7 * size + 0.3 * abs(transfer)
+        response.append(transfer)
+    return np.array(response)
+
+
+def test_a_curve_of_six_parameters_is_judged_by_the_errors_of_its_points() -> None:
+    # Ten points of a joint that hardens until its swing jumps: one rational curve of eight parameters leaves them, and
+    # one of six misses them by far more than 1e-4.
+    frequency = np.linspace(2.4, 5.2, 10)
+    peak = peak_of(hardening_swept_up(frequency, 0.0103), frequency)
+    assert peak.gain_misfit > 0.1 * peak.gain[0]
