@@ -185,13 +185,13 @@ def _nearest(model: FreeOscillation, y: Array, starts: list[Array]) -> Array:
     return min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
 
 
-def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, starts: list[Array]) -> Course | None:
-    """Return the fit of a richer model where it is clearly better than a course of the same samples, else None.
+def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, start: Array) -> Course | None:
+    """Return the fit of a richer model from a start where it is clearly better than a course of the same samples, else
+    None.
 
     Where one linear step from the start promises much less than the gain that takes, it is not made.
     """
     y = x / plain.scale
-    start = _nearest(model, y, starts)
     values, slope = model.linearise(start)
     jacobian = unit_columns(slope())[0]
     basis = orthonormal(jacobian)
@@ -264,20 +264,20 @@ def smooth_course(
 
     basis = cache(lambda count: smooth_functions(s, count))
 
-    def modelled(count: int, harmonics: bool, seed: Complexes) -> tuple[FreeOscillation, list[Array]]:
-        model = FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
-        through = (smooth_functions(places, count), log + 1j * phase), (_evenly(count), seed)
-        return model, [_started(model, *one) for one in through]
+    def modelled(count: int, harmonics: bool) -> FreeOscillation:
+        return FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
 
     def grown(before: Course, count: int, harmonics: bool) -> Course | None:
-        model, starts = modelled(count, harmonics, _seed_of(before))
-        if harmonics and before.model.harmonics:
-            overtones = before.parameters[before.model.rest_start - 5 : before.model.rest_start]
-            starts[1][model.rest_start - 5 : model.rest_start] = overtones
-        return _bettered(before, model, t, x, starts)
+        model = modelled(count, harmonics)
+        start = _started(model, _evenly(count), _seed_of(before))
+        kept = before.model.rest_start - 5 * (harmonics and before.model.harmonics)
+        start[model.rest_start - before.model.rest_start + kept :] = before.parameters[kept:]
+        return _bettered(before, model, t, x, start)
 
-    model, starts = modelled(3, False, _seed_of_fit(fit, scale))
-    best = _solved(model, t, x, scale, _nearest(model, x / scale, starts))
+    model = modelled(3, False)
+    by_peaks = _started(model, smooth_functions(places, 3), log + 1j * phase)
+    start = _nearest(model, x / scale, [by_peaks, _started(model, _evenly(3), _seed_of_fit(fit, scale))])
+    best = _solved(model, t, x, scale, start)
     waited = 0
     for count in _COUNTS[1:]:
         if count > most or 4 * (2 * count + 9) > t.size or waited > 1:
