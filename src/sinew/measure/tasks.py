@@ -19,8 +19,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, CancelledError, as_completed
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, partial, wraps
@@ -36,6 +35,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
 
 if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
     from distributed import Client, Future
 
 P = ParamSpec("P")
@@ -222,7 +223,7 @@ def _in_processes(
     """Yield (place, result) as they come; what a process that ended took with it is asked of new ones."""
     tries = 0
     while waiting:
-        broken: BrokenProcessPool | None = None
+        broken: BrokenExecutor | None = None
         pool = _pool_of(workers)
         try:
             with _share_of(workers):
@@ -230,7 +231,7 @@ def _in_processes(
             for future in as_completed(futures):
                 try:
                     result = future.result()
-                except BrokenProcessPool as error:  # of all that were not done; what was comes beside them
+                except BrokenExecutor as error:  # of all that were not done; what was comes beside them
                     broken = error
                     continue
                 del waiting[futures[future]]
@@ -276,12 +277,12 @@ def beside(processes: int) -> Iterator[Hand]:
             try:
                 with _share_of(processes + 1):
                     future = pool.submit(_unless_claimed, claim, function, *arguments)
-            except BrokenProcessPool:  # a process has ended, perhaps for want of memory: this one goes on alone
+            except BrokenExecutor:  # a process has ended, perhaps for want of memory: this one goes on alone
                 return partial(function, *arguments)
 
             def fetched() -> Any:
                 if not _claimed_here(claim):
-                    with suppress(BrokenProcessPool):
+                    with suppress(BrokenExecutor):
                         return future.result()
                 return function(*arguments)
 
@@ -311,7 +312,9 @@ def _unless_claimed(claim: Path, function: Callable[..., R], *arguments: Any) ->
     return _interruptible(function, *arguments)
 
 
-def _pool_of(processes: int) -> ProcessPoolExecutor:
+def _pool_of(processes: int) -> "ProcessPoolExecutor":
+    from concurrent.futures import ProcessPoolExecutor  # a table needs none
+
     return ProcessPoolExecutor(processes, get_context("spawn"), _begin_process)
 
 

@@ -13,7 +13,7 @@ from sinew.analysis.signal.coloured_noise import solve_damped
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals
-from sinew.analysis.sweep.resonance import LINE, alike, by_repeat, interval_variables, read_each
+from sinew.analysis.sweep.resonance import alike, by_repeat, interval_variables, read_each
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.schema import ENERGY_QUANTITIES
@@ -235,12 +235,11 @@ class _Sweeps:
 
     def at(self, name: str, where: Array) -> Array:
         """Return a column of each sweep at a frequency of its own, (k,), NaN outside the sweep."""
-        curve = scipy.interpolate.Akima1DInterpolator if self.second else scipy.interpolate.CubicSpline
-        return read_each(self.f, self.columns[name], where, curve)
+        return read_each(self.f, self.columns[name], where, "akima" if self.second else "cubic")
 
     def power(self, where: Array) -> tuple[Array, Array, Array]:
         """Return electrical power, its standard deviation, and torsion amplitude at frequencies, (k,) each."""
-        own = read_each(self.f, np.nan_to_num(self.columns["drive_power_std_w"]), where, LINE)
+        own = read_each(self.f, np.nan_to_num(self.columns["drive_power_std_w"]), where, "line")
         return self.at("drive_power_w", where), own, self.at("amplitude_rad", where)
 
     def cheapest(self) -> Array:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -652,7 +652,7 @@ def read_resonances(response: Response) -> Readings:
     ratio, ratio_std = _local(f, over_fundamental, at[0])
     told["gain_peak"] = gain * ratio, np.hypot(gain_std * ratio, gain * ratio_std), freedom, misfit
     where, *rest, slope = _told(crossing, "crossing_hz", "crossing_slope")
-    late = read_each(f, columns["phase_delay_std_rad"], where, LINE, fewest=2)
+    late = read_each(f, columns["phase_delay_std_rad"], where, "line", fewest=2)
     of_delay = np.divide(late, np.abs(slope), out=np.zeros_like(late), where=np.isfinite(late) & (slope != 0))
     told["phase_90_hz"] = where, *rest, of_delay
     lever = columns["drive_amplitude_rad"] * np.exp(1j * np.angle(nominal_transfer * transfer.conj()))
@@ -699,28 +699,27 @@ def _told(peaks: list[Peak], reading: str, shared: str = "") -> Told:
     return value, std, freedom, common
 
 
-LINE = partial(scipy.interpolate.make_interp_spline, k=1)
-
-
 def read_each(
     x: Array,
     values: NDArray[Any],
     where: Array,
-    curve: Any = scipy.interpolate.CubicSpline,
+    curve: Literal["cubic", "akima", "line"] = "cubic",
     *,
     fewest: int = 4,
     derivative: int = 0,
 ) -> NDArray[Any]:
     """Return what each row (k, n) of values at x (n,), NaN left out, is at a place of its own, (k,).
 
-    NaN with fewer known points than the fewest, and outside of them. curve: takes x, values and `axis`, and gives a
-    function of place and order of derivative.
+    NaN with fewer known points than the fewest, and outside of them. curve: a cubic spline, Akima's, or straight lines
+    from point to point. derivative: its order.
     """
+    akima, line = scipy.interpolate.Akima1DInterpolator, partial(scipy.interpolate.make_interp_spline, k=1)
+    spline: Any = {"cubic": scipy.interpolate.CubicSpline, "akima": akima, "line": line}[curve]
     out = np.full(where.shape, np.nan, dtype=values.dtype)
     for rows, known in alike(np.isfinite(values)):
         if known.sum() >= fewest:
             inside = rows[(where[rows] >= x[known][0]) & (where[rows] <= x[known][-1])]
-            through = curve(x[known], values[np.ix_(inside, known)], axis=1)
+            through = spline(x[known], values[np.ix_(inside, known)], axis=1)
             out[inside] = np.diagonal(through(where[inside], derivative))
     return out
 
@@ -742,13 +741,12 @@ def _drive_at(f: Array, lever: Complexes, own: Array, peak: Told) -> Told:
     peak's frequency makes of the slope there.
     """
     where, std, freedom, misfit = peak
-    akima = scipy.interpolate.Akima1DInterpolator
     through = read_each(f, lever, where)
-    other = read_each(f, lever.real, where, akima) + 1j * read_each(f, lever.imag, where, akima)
+    other = read_each(f, lever.real, where, "akima") + 1j * read_each(f, lever.imag, where, "akima")
     value = np.abs(through)
     slope = (read_each(f, lever, where, derivative=1) * through.conj()).real / value
     noise_hz = np.sqrt(np.maximum(std**2 - misfit**2, 0.0))
-    noise = np.hypot(read_each(f, own, where, LINE, fewest=2), slope * noise_hz)
+    noise = np.hypot(read_each(f, own, where, "line", fewest=2), slope * noise_hz)
     left_open = np.hypot(np.abs(other) - value, slope * misfit)
     return value, np.hypot(noise, left_open), freedom, left_open
 
@@ -766,7 +764,7 @@ def _local(frequency: Array, values: Array, where: Array) -> tuple[Array, Array]
     squares = (held * (y - line[:, :1] - line[:, 1:] * x) ** 2).sum(axis=1)
     count = held.sum(axis=1)
     std = np.linalg.norm(inverse[:, 0], axis=1) * np.sqrt(squares / np.maximum(count - 2, 1))
-    few, usable = read_each(frequency, values, where, LINE, fewest=2), (count >= 3) & np.isfinite(where)
+    few, usable = read_each(frequency, values, where, "line", fewest=2), (count >= 3) & np.isfinite(where)
     return np.where(usable, line[:, 0], few), np.where(usable, std, 0.0)
 
 
