@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
 from sinew.analysis.signal.attitude import integrate_rate, steady_motion
@@ -23,15 +22,6 @@ def test_the_integral_uses_the_stamps() -> None:
     time = np.arange(400) / 200.0 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, 400)
     angle = integrate_rate(time, np.cos(6 * time))
     np.testing.assert_allclose(angle, (np.sin(6 * time) - np.sin(6 * time[0])) / 6, atol=1e-6)
-
-
-@pytest.mark.parametrize("samples", [3, 4, 399, 400])
-def test_the_integral_is_scipys_by_simpson(samples: int) -> None:
-    random = np.random.default_rng(1)
-    time = (np.arange(samples) + random.uniform(-0.3, 0.3, (2, samples))) / 200.0
-    rate = random.normal(size=(2, samples))
-    expected = cumulative_simpson(rate, x=time, initial=0.0)
-    np.testing.assert_allclose(integrate_rate(time, rate), expected, rtol=0, atol=1e-15)
 
 
 def test_two_samples_are_too_few_to_integrate() -> None:

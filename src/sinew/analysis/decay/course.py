@@ -23,7 +23,7 @@ from sinew.measure.arrays import Array, Complexes
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
 _CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
 _BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
-_PLAIN_GAIN = 10.0  # times that, if every sample were independent: then a step need not tell its noise
+_PLAIN_GAIN = 10.0  # times what is asked, if every sample were independent: then a step is taken at its word
 _MODE_BETTER = 20.0  # and a further mode
 _PROMISED = 0.8  # of the fall that lets functions in: a fit of which one linear step promises less is not made
 _RESOLVED = 1.0  # sums of their decay rates between two modes that are told apart

@@ -20,6 +20,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -177,19 +178,9 @@ def integrate_rate(time_s: Array, rate: Array) -> Array:
     """
     if rate.shape[-1] < 3:
         raise RecordingError(f"cannot integrate {rate.shape[-1]} samples of a rate; record at least 3")
-    step = np.diff(np.broadcast_to(time_s, rate.shape))
-    slope = np.diff(rate) / step
-    first, second = slice(0, step.shape[-1] // 2 * 2, 2), slice(1, None, 2)
-    # of the parabola through three samples: half its second derivative, by which the trapezoids are too large
-    bend = (slope[..., second] - slope[..., first]) / (step[..., first] + step[..., second])
-    area, cube = 0.5 * step * (rate[..., 1:] + rate[..., :-1]), step * step * step / 6.0
-    for half in (first, second):
-        area[..., half] -= bend * cube[..., half]
-    if step.shape[-1] % 2:  # the last step alone is on the parabola through the last three
-        area[..., -1] -= (slope[..., -1] - slope[..., -2]) / (step[..., -1] + step[..., -2]) * cube[..., -1]
-    out = np.zeros(rate.shape)
-    np.cumsum(area, axis=-1, out=out[..., 1:])
-    return out
+    return np.asarray(
+        scipy.integrate.cumulative_simpson(rate, x=np.broadcast_to(time_s, rate.shape), axis=-1, initial=0.0)
+    )
 
 
 def steady_torsion(

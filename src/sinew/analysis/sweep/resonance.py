@@ -640,18 +640,18 @@ def read_resonances(response: Response) -> Readings:
         for row, peak in zip(absent, find_crossings(f, *(values[absent] for values in by_drive)), strict=True):
             crossing[row] = peak
     told = {
-        "paper_resonance_hz": _told(paper, "frequency_hz", "frequency_misfit_hz"),
-        "paper_gain_peak": _told(paper, "gain", "gain_misfit"),
-        "resonance_hz": _told(nominal, "frequency_hz", "frequency_misfit_hz"),
-        "resonance_measured_drive_hz": _told(measured, "frequency_hz", "frequency_misfit_hz"),
-        "gain_peak_measured_drive": _told(measured, "gain", "gain_misfit"),
-        "half_power_width_hz": _told(measured, "width_hz"),
+        "paper_resonance_hz": _column(paper, "frequency_hz", "frequency_misfit_hz"),
+        "paper_gain_peak": _column(paper, "gain", "gain_misfit"),
+        "resonance_hz": _column(nominal, "frequency_hz", "frequency_misfit_hz"),
+        "resonance_measured_drive_hz": _column(measured, "frequency_hz", "frequency_misfit_hz"),
+        "gain_peak_measured_drive": _column(measured, "gain", "gain_misfit"),
+        "half_power_width_hz": _column(measured, "width_hz"),
     }
     at = told["resonance_hz"]
-    gain, gain_std, freedom, misfit = _told(nominal, "gain", "gain_misfit")
+    gain, gain_std, freedom, misfit = _column(nominal, "gain", "gain_misfit")
     ratio, ratio_std = _local(f, over_fundamental, at[0])
     told["gain_peak"] = gain * ratio, np.hypot(gain_std * ratio, gain * ratio_std), freedom, misfit
-    where, *rest, slope = _told(crossing, "crossing_hz", "crossing_slope")
+    where, *rest, slope = _column(crossing, "crossing_hz", "crossing_slope")
     late = read_each(f, columns["phase_delay_std_rad"], where, "line", fewest=2)
     of_delay = np.divide(late, np.abs(slope), out=np.zeros_like(late), where=np.isfinite(late) & (slope != 0))
     told["phase_90_hz"] = where, *rest, of_delay
@@ -688,11 +688,11 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     return xr.Dataset(variables, attrs={"resonance_notes": "\n".join(found.notes)})
 
 
-Told = tuple[Array, Array, Array, Array]
+_Column = tuple[Array, Array, Array, Array]
 """Value, standard deviation, its degrees of freedom, and the standard uncertainty that repeats share: (k,) each."""
 
 
-def _told(peaks: list[Peak], reading: str, shared: str = "") -> Told:
+def _column(peaks: list[Peak], reading: str, shared: str = "") -> _Column:
     """Return a reading of peaks by its name, beside another field of theirs."""
     rows = [(*getattr(peak, reading), getattr(peak, shared) if shared else math.nan) for peak in peaks]
     value, std, freedom, common = np.array(rows, dtype=float).T
@@ -731,7 +731,7 @@ def alike(known: Mask) -> Iterator[tuple[NDArray[np.intp], Mask]]:
         yield np.flatnonzero(which == number), pattern
 
 
-def _drive_at(f: Array, lever: Complexes, own: Array, peak: Told) -> Told:
+def _drive_at(f: Array, lever: Complexes, own: Array, peak: _Column) -> _Column:
     """Return the measured drive amplitude at peaks [rad]; repeats share what the grid leaves open.
 
     lever: complex amplitude of the drive, (k, f); own: standard deviation of its size, (k, f).
