@@ -315,15 +315,23 @@ def _unless_claimed(claim: Path, function: Callable[..., R], *arguments: Any) ->
 def _pool_of(processes: int) -> "ProcessPoolExecutor":
     from concurrent.futures import ProcessPoolExecutor  # a table needs none
 
-    return ProcessPoolExecutor(processes, get_context("spawn"), _begin_process)
+    as_here = (gc.get_threshold(), sys.modules.get("dask", sys) is None)
+    return ProcessPoolExecutor(processes, get_context("spawn"), _begin_process, as_here)
 
 
 _interrupted, _at_work = Event(), Event()
 """Of a process of a pool: whether an interrupt reached it, and whether it makes a call."""
 
 
-def _begin_process() -> None:
-    """Set up a process of a pool, which leaves the word on an interrupt to whoever asked for it."""
+def _begin_process(collected: tuple[int, int, int], without_dask: bool) -> None:
+    """Set up a process of a pool, which leaves the word on an interrupt to whoever asked for it.
+
+    collected: when it looks for what to collect, see `gc.set_threshold`. without_dask: an import of
+    Dask is to find nothing, as a command keeps it out that needs none; xarray imports all of it to look at an array.
+    """
+    gc.set_threshold(*collected)
+    if without_dask:
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]
 
     def interrupt(*_: object) -> None:
         _interrupted.set()

@@ -104,9 +104,10 @@ def read_gyro(
     average, whole LSB, dead band.
     """
     readings = np.zeros(true_rate.shape, dtype=np.float32)
-    late = low_passed - imu.residual_delay.value * low_passed_rate if effects.sensor_filter else true_rate
     for axis in range(3):
-        values = late[:, axis]
+        values = true_rate[:, axis]
+        if effects.sensor_filter:
+            values = low_passed[:, axis] - imu.residual_delay.value * low_passed_rate[:, axis]
         if effects.sensor_noise:
             bias = imu.gyro_bias.value * rng.standard_normal()
             values = values + bias + _noise(imu.gyro_noise.value, imu, values.size, sample_hz, rng)

@@ -234,28 +234,34 @@ def _moved(tracks: Sequence[Track], groups: Sequence[Group], imu: Imu) -> Moved:
 
     Specific force, upright: +g along x, -r φ̇² along y, r φ̈ along z.
     """
-    joined = Track(*(np.concatenate([getattr(t, name) for t in tracks], axis=-1) for name in Track._fields))
-    rate, radius = joined.torsion_rate, imu.mount_radius.value
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(track, name) for track in tracks], axis=-1)
+
+    rate, stretch, radius = joined("torsion_rate"), joined("stretch").T, imu.mount_radius.value
     pretension = np.array([g.pretension_mm * 1e-3 for g in groups])[:, None]
+    force = np.empty((rate.size, 3))
+    force[:, 0], force[:, 1] = STANDARD_GRAVITY, -radius * rate**2
+    force[:, 2] = radius * joined("torsion_acceleration")
     return Moved(
         counts=np.array([track.torsion.size for track in tracks]),
-        torsion=joined.torsion,
-        lever=joined.lever,
-        lever_rate=joined.lever_rate,
-        duty=joined.duty,
-        stretch=joined.stretch.T,
-        driven=np.zeros_like(joined.stretch.T),
-        at_rest=np.broadcast_to(pretension, (len(groups), joined.stretch.shape[0])),
-        gyro=_along(joined.gyro),
-        gyro_rate=_along(joined.gyro_rate),
+        torsion=joined("torsion"),
+        lever=joined("lever"),
+        lever_rate=joined("lever_rate"),
+        duty=joined("duty"),
+        stretch=stretch,
+        driven=np.broadcast_to(0.0, stretch.shape),
+        at_rest=np.broadcast_to(pretension, (len(groups), stretch.shape[1])),
+        gyro=_along(joined("gyro")),
+        gyro_rate=_along(joined("gyro_rate")),
         spin=_along(rate),
-        force=np.stack(
-            [np.full_like(rate, STANDARD_GRAVITY), -radius * rate**2, radius * joined.torsion_acceleration], axis=-1
-        ),
+        force=force,
         orientation=None,
     )
 
 
 def _along(values: Array) -> Array:
-    """Return vectors (sample, 3) along x."""
-    return np.stack([values, np.zeros_like(values), np.zeros_like(values)], axis=-1)
+    """Return vectors (sample, 3) along x; memory that holds their zeros is not touched."""
+    vectors = np.zeros((3, values.size))
+    vectors[0] = values
+    return vectors.T

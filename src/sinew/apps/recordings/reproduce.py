@@ -3,6 +3,7 @@
 import shlex
 import textwrap
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
@@ -69,15 +70,20 @@ def reproduce(
     command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with _processes() as hand:
-        campaign = _run_campaign(plans, rig_, seed, out, rebuild, hand)
+        campaign, written = _run_campaign(plans, rig_, seed, out, rebuild, hand)
         summary = _write_pages(campaign, out, hand, began=began)
+        for fetched in written:
+            fetched()
     _show(summary, out, json=json)
 
 
-def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand") -> _Campaign:
-    """Return the campaign of the first plan, written to a folder; what does not wait for it is handed over.
+def _run_campaign(
+    plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand"
+) -> "tuple[_Campaign, list[Callable[[], Any]]]":
+    """Return the campaign of the first plan, and what ends the writing of its results to a folder.
 
-    plans: the second, if there is one, is the sweep beyond.
+    What does not wait for the campaign is handed over, and so is that writing. plans: the second, if there is one, is
+    the sweep beyond.
     """
     hand(_load)
     from sinew.measure.files.netcdf import save_dataset, save_recording
@@ -97,18 +103,17 @@ def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, reb
     for name in ("beyond.nc", "effects.json"):
         (out / name).unlink(missing_ok=True)
     save_recording(recording, out / "recording.nc")
-    results = _analyse(recording, rig, out)
+    results = _analyse(recording, rig)
     with console.progress_bar("simulate above the paper's range, and with effects off"):
         further = next((results_of() for results_of in above), None)
         effects = shares()
-    if further is not None:
-        save_dataset(further, out / "beyond.nc")
     if effects:
         console.write_json(effects, out / "effects.json")
         results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
-        save_dataset(results, out / "results.nc")
+    files = {"results.nc": results} | ({} if further is None else {"beyond.nc": further})
+    written = [hand(save_dataset, dataset, out / name) for name, dataset in files.items()]
     simulated_s = sum(preview.duration_s for preview in previews)
-    return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild)
+    return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild), written
 
 
 def _processes() -> "AbstractContextManager[Hand]":
