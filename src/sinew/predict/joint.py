@@ -36,11 +36,13 @@ from sinew.twin.simulate import lane_parameters
 RESOLUTION = Resolution(
     ((Size(7, 64), Size(19, 192)), (Size(19, 128), Size(39, 512))),
     5e-3,
-    Stride(first=0.02, most=0.1, correction=1e-2, tolerance=1e-4),
+    Stride(first=0.02, most=0.125, correction=2e-2, tolerance=1e-4),
     Search(nudge=2e-2, enough=5e-3),
 )
 """Waves for a rig's joint; the tolerance is far below what a rig repeats to.
 
+A curve of the paper's joint that is read between its points, on straight lines, is within 0.25 % of its peak of one with
+seven times as many; steps up to 0.1 and corrections of 0.01 leave 0.2 % for a quarter more points.
 On 128 samples no gain moves by 3e-4, but the multipliers of fast motions do by 7e-3; on these 192 by less than 1e-3.
 """
 

@@ -13,7 +13,7 @@ from sinew.measure.arrays import Array, wrapped_lag
 from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
-from sinew.solve.examination import Examination, examine, in_blocks, largest_multiplier, rows_of
+from sinew.solve.examination import Examination, examine, in_blocks, largest_multiplier, pool, rows_of
 from sinew.solve.landmark import (
     FOLD,
     PEAK,
@@ -217,10 +217,11 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
     for (lane, guess), place in zip(found, places, strict=True):
         marks[lane].append((guess, place))
     enough = resolution.search.enough
-    return [
-        _branch(i, problem, fine, curve, one, part, marks[i], enough)
-        for i, (part, one) in enumerate(zip(parts, each, strict=True))
-    ]
+
+    def branch(i: int) -> Branch:
+        return _branch(i, problem, fine, curve, each[i], parts[i], marks[i], enough)
+
+    return list(pool().map(branch, range(len(each))))
 
 
 def predict(problem: Problem, band_hz: Sequence[float], resolution: Resolution) -> Prediction:

@@ -19,7 +19,7 @@ from sinew.solve.examination import evaluate, half_range, lag_product, rows_of, 
 FOLD, PEAK, QUARTER = range(3)
 """Kinds: extremum of the frequency, extremum of the amplitude, response 90° behind the drive."""
 
-_STEPS, _LONGEST = 10, 0.05
+_STEPS, _LONGEST, _IDLE = 10, 0.05, 3
 
 
 class Search(NamedTuple):
@@ -27,7 +27,8 @@ class Search(NamedTuple):
     which the search ends; a point whose last correction is larger counts as not found.
 
     Equations with kinks (a duty at its limit, friction that turns round) have a g that jumps a little where a kink
-    passes a sample. Their nudge has to reach over several of these jumps; the points are as exact as the jumps allow.
+    passes a sample. Their nudge has to reach over several of these jumps; the points are as exact as the jumps allow,
+    and a search that goes from one jump to the next, three corrections long no nearer, is given up.
     """
 
     nudge: float = 1e-5
@@ -61,7 +62,7 @@ def locate(
     lane: with a leading axis k.
     """
     best, error = x.copy(), np.full(len(x), np.inf)
-    there, tangents, left = x.copy(), normal.copy(), np.arange(len(x))
+    there, tangents, left, idle = x.copy(), normal.copy(), np.arange(len(x)), np.zeros(len(x), dtype=int)
     for _ in range(_STEPS):
         now, across, own = there[left], normal[left], rows_of(lane, left)
         quarter, peak = kind[left] == QUARTER, kind[left] == PEAK
@@ -89,9 +90,10 @@ def locate(
         length = np.linalg.norm(change, axis=1)
         there[left] += change * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
         again = quarter & (error[left] >= search.enough)  # one more step is free of kinks
+        idle[left] = np.where((length > _LONGEST) | (length < 0.5 * error[left]), 0, idle[left] + 1)
         better = left[length < error[left]]
         best[better], error[better] = there[better], length[length < error[left]]
-        left = left[again | (error[left] >= search.enough)]
+        left = left[again | (error[left] >= search.enough) & (idle[left] < _IDLE)]
         if not left.size:
             break
     size_there = half_range(best, equations, size.harmonics).value
