@@ -6,7 +6,7 @@ blindness; both are cut before they become too light for white paper.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.doors import write_atomically
+from sinew.measure.tasks import Hand
 
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
@@ -157,3 +158,17 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
             metadata = {"CreationDate": None} if name == "pdf" else None
             write_atomically(path, functools.partial(getattr(canvas, f"print_{name}"), metadata=metadata))
     return paths
+
+
+def save_figures(
+    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str], hand: Hand = functools.partial
+) -> list[Path]:
+    """Write (stem, figure) of each, drawn one after the other, and return the paths in their order.
+
+    hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
+        while this one draws the next, this one with the last.
+    Raises FileError where the folder cannot be written.
+    """
+    later = [hand(save_figure, figure, folder, stem, formats) for stem, figure in figures]
+    written = [fetched() for fetched in reversed(later)]
+    return [path for paths in reversed(written) for path in paths]

@@ -16,7 +16,7 @@ from sinew.analysis.sweep.response import FEWEST_PRETENSIONS, fit_saturation
 from sinew.figures import page, response
 from sinew.figures.decay import draw_damping, draw_decay
 from sinew.figures.motion import draw_lissajous, draw_phase_portraits
-from sinew.figures.style import save_figure
+from sinew.figures.style import save_figures
 from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
@@ -403,11 +403,7 @@ def draw_figures(
 ) -> list[Path]:
     """Draw all figures into a folder and return the paths that were written, in the order of the paper.
 
-    formats: file endings that matplotlib knows.
-    hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
-        while this one draws the next, this one with the last.
+    formats: file endings that matplotlib knows. hand: see `sinew.figures.style.save_figures`.
     Raises FileError where the folder cannot be written.
     """
-    later = [hand(save_figure, figure, folder, name, formats) for name, figure in build_figures(recording, results)]
-    written = [fetched() for fetched in reversed(later)]
-    return [path for paths in reversed(written) for path in paths]
+    return save_figures(build_figures(recording, results), folder, formats, hand)

@@ -41,8 +41,8 @@ RESOLUTION = Resolution(
 )
 """Waves for a rig's joint; the tolerance is far below what a rig repeats to.
 
-A curve of the paper's joint that is read between its points, on straight lines, is within 0.25 % of its peak of one with
-seven times as many; steps up to 0.1 and corrections of 0.01 leave 0.2 % for a quarter more points.
+A curve of the paper's joint that is read between its points, on straight lines, is within 0.25 % of its peak of one
+with seven times as many; steps up to 0.1 and corrections of 0.01 leave 0.2 % for a quarter more points.
 On 128 samples no gain moves by 3e-4, but the multipliers of fast motions do by 7e-3; on these 192 by less than 1e-3.
 """
 

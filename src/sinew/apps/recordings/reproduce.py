@@ -85,7 +85,7 @@ def _run_campaign(
     What does not wait for the campaign is handed over, and so is that writing. plans: the second, if there is one, is
     the sweep beyond.
     """
-    hand(_load)
+    hand(_load, "sinew.paper.report", "sinew.paper.summary")
     from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.predict.preview import preview_plan
@@ -116,17 +116,17 @@ def _run_campaign(
     return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild), written
 
 
-def _processes() -> "AbstractContextManager[Hand]":
-    """Give what hands calls to the processes beside this one, where there are cores for them."""
+def _processes(at_most: int = 4) -> "AbstractContextManager[Hand]":
+    """Give what hands calls to the processes beside this one, where there are cores for them; this one counts."""
     from sinew.measure.tasks import beside, cores
 
-    return beside(min(4, cores()) - 1)
+    return beside(min(at_most, cores()) - 1)
 
 
-def _load() -> None:
-    """Load what a process beside needs, while the plan is looked at."""
-    import_module("sinew.paper.report")
-    import_module("sinew.paper.summary")
+def _load(*modules: str) -> None:
+    """Load what a process beside needs, while this one looks at what it is asked."""
+    for name in modules:
+        import_module(name)
 
 
 def _results(plan: "Plan", rig: "RigSpec", seed: int) -> "xr.Dataset":
@@ -355,20 +355,36 @@ def answer(
         return
     if azimuth is not None:
         raise SpecError("found --azimuth-deg beside a recording, which holds its pose; give it with a rig")
-    from sinew.analysis.analysed import recording_rig
-    from sinew.measure.files.netcdf import load_recording
-    from sinew.measure.tasks import cores
-    from sinew.paper.answers.questions import answer_questions
-    from sinew.twin.cache import use_all_cores
-
     if not file.is_file():
         raise FileError(
             f"found no recording {file}; expected a file that sinew simulate, run, import or reproduce wrote"
         )
-    use_all_cores()
     folder = console.require_folder(out if out is not None else file.parent)
+    command = ["sinew", "answer", str(file), *(["--out", str(out)] if out is not None else [])]
+    command += ["--rig", rig] if rig is not None else []
+    with _processes(2) as hand:
+        answers, document = _answer_recording(file, folder, rig, shlex.join(command), hand)
+    if json:
+        console.print_json(document)
+    else:
+        _print_answers(answers)
+        print(f"page: {folder / 'answers.html'}")
+
+
+def _answer_recording(
+    file: Path, folder: Path, rig: str | None, rebuild: str, hand: "Hand"
+) -> "tuple[list[Answer], dict[str, Any]]":
+    """Return the answers of a recording, written to a folder, and the document of them."""
+    from sinew.analysis.analysed import recording_rig
+    from sinew.measure.files.netcdf import load_recording
+
     recording = load_recording(file)
     rig_ = recording_rig(recording, rig)
+    hand(_load, "sinew.paper.answers.questions")
+    from sinew.paper.answers.questions import answer_questions
+    from sinew.twin.cache import use_all_cores
+
+    use_all_cores()
     results = stored.stored_results(file.parent / "results.nc", recording, rig_)
     if results is None:
         results = _analyse(recording, rig_)
@@ -378,17 +394,10 @@ def answer(
             results,
             rig_,
             beyond=stored.stored_beyond(file.parent / "beyond.nc", rig_),
-            workers=cores(),
+            hand=hand,
             progress=lambda _step, done, total: progress(done, total),
         )
-    command = ["sinew", "answer", str(file), *(["--out", str(out)] if out is not None else [])]
-    command += ["--rig", rig] if rig is not None else []
-    document = _write_answers(answers, recording, rig_, folder, shlex.join(command))
-    if json:
-        console.print_json(document)
-    else:
-        _print_answers(answers)
-        print(f"page: {folder / 'answers.html'}")
+    return answers, _write_answers(answers, recording, rig_, folder, rebuild, hand)
 
 
 def _is_rig(file: Path) -> bool:
@@ -434,13 +443,13 @@ def _answer_rig(file: Path, out: Path | None, rig: str | None, azimuth: float | 
 
 
 def _write_answers(
-    answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
+    answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str, hand: "Hand"
 ) -> dict[str, Any]:
     from sinew.measure.files.netcdf import content_hash
     from sinew.paper.answers.questions import draw_answers
     from sinew.paper.report import write_answers
 
-    figures = draw_answers(answers, folder / "figures")
+    figures = draw_answers(answers, folder / "figures", hand=hand)
     document = {
         "recording_hash": str(recording.attrs.get("content_hash") or content_hash(recording)),
         "rig": "" if rig is None else rig.name,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.analysis.signal.groups import split_by_drive
-from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel, save_figure
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel, save_figures
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 from sinew.measure.recording import iterate_segments
-from sinew.measure.tasks import beside
+from sinew.measure.tasks import Hand
 from sinew.paper.answers.answer import Answer
 from sinew.paper.answers.constancy import answer_constancy
 from sinew.paper.answers.delay import answer_delay
@@ -42,7 +43,7 @@ def answer_questions(
     *,
     beyond: xr.Dataset | None = None,
     joint: JointFit | None = None,
-    workers: int = 1,
+    hand: Hand = partial,
     progress: Progress = lambda _step, _done, _total: None,
 ) -> list[Answer]:
     """Return one answer for each question: hardening, saturation, losses, constancy, delay.
@@ -50,25 +51,23 @@ def answer_questions(
     recording: of a rig, or imported. results: of `analyse_recording` of it with the same rig. rig: None where none is
     known; then sensors are perfect and the losses cannot be told apart. beyond: results of a sweep at further
     pretensions, for the saturation. joint: the tendon joint fitted to the recording; fitted here where it is None and
-    the rig is known. workers: with 2 another process asks for the hardening while the joint is fitted here, and says
-    nothing of how far it is. progress: called with (step, done, total).
+    the rig is known. hand: of `sinew.measure.tasks.beside`, where a further process asks for the hardening while the
+    joint is fitted here, and says nothing of how far it is. progress: called with (step, done, total).
     """
     if "gain" in results:
         recording = split_by_drive(recording)
     why_not = ""
-    told = [] if workers > 1 else [lambda done, total: progress(STEPS[1], done, total)]
-    with beside(min(workers, 2) - 1) as hand:
-        hardening = hand(answer_hardening, recording, rig, *told)
-        if joint is None:
-            joint, why_not = _fitted_joint(recording, rig, results, progress)
-        hardens = hardening()
-    return [
-        hardens,
+    told = [lambda done, total: progress(STEPS[1], done, total)] if hand is partial else []
+    hardening = hand(answer_hardening, recording, rig, *told)
+    if joint is None:
+        joint, why_not = _fitted_joint(recording, rig, results, progress)
+    others = [
         answer_saturation(results, beyond),
         answer_losses(results, recording, joint, why_not),
         answer_constancy(results),
         answer_delay(results, recording, rig, joint),
     ]
+    return [hardening(), *others]
 
 
 def _fitted_joint(
@@ -121,17 +120,16 @@ _SHARES = {
 }
 
 
-def draw_answers(answers: Sequence[Answer], folder: Path, formats: Sequence[str] = ("png", "pdf")) -> list[Path]:
+def draw_answers(
+    answers: Sequence[Answer], folder: Path, formats: Sequence[str] = ("png", "pdf"), hand: Hand = partial
+) -> list[Path]:
     """Draw the figure of every answer that has one into a folder and return the paths that were written.
 
+    hand: of `sinew.measure.tasks.beside`, where a further process helps to write the files.
     Raises FileError where the folder cannot be written.
     """
-    paths: list[Path] = []
-    for answer in answers:
-        figure = draw_answer(answer)
-        if figure is not None:
-            paths += save_figure(figure, folder, f"answer_{answer.name}", formats)
-    return paths
+    figures = ((f"answer_{answer.name}", draw_answer(answer)) for answer in answers)
+    return save_figures(((name, figure) for name, figure in figures if figure is not None), folder, formats, hand)
 
 
 @in_style
