@@ -7,17 +7,21 @@ import jax
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
-from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
+from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, paper_envelope
+from sinew.analysis.sweep.resonance import MEANINGS, estimate_resonance, resonance_table
+from sinew.analysis.sweep.response import estimate_response
 from sinew.figures.motion import rig_of
 from sinew.measure.arrays import mean_and_spread
+from sinew.measure.errors import SinewError
 from sinew.measure.estimate import all_finite, finite
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.paper.table import paper_table
-from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
+from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
+from sinew.solve.march import Track
 from sinew.twin.parameters import Effects
+from sinew.twin.sensors import read_gyro
 from sinew.twin.simulate import lane_parameters, record_tracks, simulate_tracks
 
 
@@ -140,18 +144,32 @@ def effect_shares(rig: RigSpec) -> list[dict[str, Any]]:
         own = tracks[index * len(groups) : (index + 1) * len(groups)]
         rng = np.random.default_rng(0)
         recording = record_tracks(own, lanes[index], plan, rig, effects=effects, rng=rng)
-        rows.append({"effect": name, **_row(analyse_recording(recording, rig))})
+        resonance = estimate_resonance(estimate_response(recording, rig))
+        decays = ((group, track) for group, track in zip(groups, own, strict=True) if group.kind == "ring-down")
+        damping = {g.pretension_mm: paper_damping(track, g, rig, effects, plan.sample_hz) for g, track in decays}
+        columns: dict[str, Any] = {
+            "resonance_hz": resonance["resonance_hz"].values,
+            "gain": resonance["gain_peak"].values,
+            "damping": [damping[pretension] for pretension in SHARE_PRETENSIONS_MM],
+        }
+        told = {
+            f"{column}_{pretension:g}": finite(float(values[i]))
+            for column, values in columns.items()
+            for i, pretension in enumerate(SHARE_PRETENSIONS_MM)
+        }
+        rows.append({"effect": name, **told})
     return rows
 
 
-def _row(results: xr.Dataset) -> dict[str, float | None]:
-    columns = {
-        "resonance_hz": results["resonance_hz"].values,
-        "gain": results["gain_peak"].values,
-        "damping": results["paper_lehr_damping"].mean("repeat").values,
-    }
-    return {
-        f"{name}_{pretension:g}": finite(values[i])
-        for name, values in columns.items()
-        for i, pretension in enumerate(SHARE_PRETENSIONS_MM)
-    }
+def paper_damping(track: Track, group: Group, rig: RigSpec, effects: Effects, hz: float) -> float:
+    """Return D of one simulated ring-down, as the gyroscope has it, by the paper's method; NaN where there is none."""
+    begin = group.sample_counts(hz)[0]
+    rng = np.random.default_rng(0)
+    starts = np.zeros(1, dtype=np.intp)
+    low, rate, true = (np.outer(along, [1.0, 0.0, 0.0]) for along in (track.gyro, track.gyro_rate, track.torsion_rate))
+    gyro = read_gyro(low, rate, true, starts, hz, rig.imu, effects, rng)[begin:, 0]
+    time = np.arange(gyro.size) / hz
+    try:
+        return paper_envelope(time, gyro, free_from_s=DECAY_FROM_PERIODS / group.frequency_hz).lehr_damping
+    except SinewError:
+        return math.nan

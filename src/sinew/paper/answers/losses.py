@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.stats import qmc
 
-from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, paper_envelope
 from sinew.analysis.signal.power import supply_uncertainty
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
 from sinew.analysis.signal.signals import sample_rate
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
-from sinew.measure.errors import SinewError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import iterate_segments
 from sinew.mechanics.drive import gear_friction
@@ -34,11 +32,11 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import silicone_power
 from sinew.mechanics.tendons import total_tension
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.summary import paper_damping
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.solve.march import LANES, Track, runge_kutta
+from sinew.solve.march import LANES, runge_kutta
 from sinew.twin.parameters import Effects
-from sinew.twin.sensors import read_gyro
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 # A simulated ring-down tells who took its energy: silicone, guides, or the recoiling lever's servo.
@@ -264,7 +262,7 @@ def _dampings(rigs: list[RigSpec], groups: list[Group], hz: float) -> tuple[Arra
     tracks = simulate_tracks(lanes, groups * len(rigs), hz)
     found = [
         [
-            _paper_damping(track, groups[k % len(groups)], rigs[k // len(groups)], effects, hz)
+            paper_damping(track, groups[k % len(groups)], rigs[k // len(groups)], effects, hz)
             for k, track in enumerate(tracks)
         ]
         for effects in (_QUIET, _QUIET.without("sensor_filter"))
@@ -278,7 +276,7 @@ def _without(rig: RigSpec, groups: list[Group], hz: float) -> dict[str, Array]:
     cases = [_QUIET.without(off) for off in _OFF.values()]
     lanes = _stacked([lane_parameters(groups, rig, effects=effects) for effects in cases])
     tracks = simulate_tracks(lanes, groups * len(cases), hz)
-    found = [_paper_damping(track, groups[k % len(groups)], rig, _QUIET, hz) for k, track in enumerate(tracks)]
+    found = [paper_damping(track, groups[k % len(groups)], rig, _QUIET, hz) for k, track in enumerate(tracks)]
     return dict(zip(_OFF, np.array(found).reshape(len(cases), len(groups)), strict=True))
 
 
@@ -334,20 +332,6 @@ def _rig_with(rig: RigSpec, values: dict[str, float]) -> RigSpec:
     if "inertia.lever" in moved and "inertia.head" not in moved:
         moved["inertia.head"] = rig.inertia.head.value + rig.inertia.lever.value - moved["inertia.lever"]
     return rig.with_values({name: float(np.clip(value, *bounds[name])) for name, value in moved.items()})
-
-
-def _paper_damping(track: Track, group: Group, rig: RigSpec, effects: Effects, hz: float) -> float:
-    """Return D of one simulated ring-down, as the gyroscope has it, by the paper's method; NaN where there is none."""
-    begin = group.sample_counts(hz)[0]
-    rng = np.random.default_rng(0)
-    starts = np.zeros(1, dtype=np.intp)
-    low, rate, true = (np.outer(along, [1.0, 0.0, 0.0]) for along in (track.gyro, track.gyro_rate, track.torsion_rate))
-    gyro = read_gyro(low, rate, true, starts, hz, rig.imu, effects, rng)[begin:, 0]
-    time = np.arange(gyro.size) / hz
-    try:
-        return paper_envelope(time, gyro, free_from_s=DECAY_FROM_PERIODS / group.frequency_hz).lehr_damping
-    except SinewError:
-        return math.nan
 
 
 def _over_draws(values: Array) -> Estimate:
