@@ -11,6 +11,7 @@ import gc
 import hashlib
 import io
 import logging
+import math
 import os
 import pickle
 import signal
@@ -21,6 +22,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, as_completed
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, partial, wraps
 from importlib.metadata import PackageNotFoundError, version
@@ -250,6 +252,9 @@ def _in_processes(
 Hand = Callable[..., Callable[[], Any]]
 """What hands a call over, `hand(function, *arguments)`, and returns what fetches its result; see `beside`."""
 
+_hand: ContextVar[Hand | None] = ContextVar("hand", default=None)
+"""What hands calls to the processes that this one has beside it."""
+
 
 @contextmanager
 def beside(processes: int) -> Iterator[Hand]:
@@ -288,9 +293,11 @@ def beside(processes: int) -> Iterator[Hand]:
 
             return fetched
 
+        token = _hand.set(hand)
         try:
             yield hand
         finally:
+            _hand.reset(token)
             for claim in claims:
                 _claimed_here(claim)
             pool.shutdown(cancel_futures=True)
@@ -378,10 +385,10 @@ def _environment(settings: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = old
 
 
-# ---- a copy of this process
+# ---- the other half of some calls
 
 
-_FEWEST_SHARED, _MOST_CLAIMS = 4, 1000
+_FEWEST_SHARED, _MOST_CLAIMS, _MOST_PARTS = 4, 1000, 10
 _CLAIM = 4
 """Bytes of a claim, so that all of them find room in the smallest pipe. Whoever reads one has it, and no one else."""
 
@@ -391,10 +398,11 @@ _COPY_S = 600.0
 
 @contextmanager
 def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[[], list[R]]]:
-    """Begin calls in a copy of this process, and give what makes those left and returns all results, in their order.
+    """Begin calls in another process, and give what makes those left and returns all results, in their order.
 
-    function: pure, its results such as can be pickled. A call that failed in the copy, or was lost with it, is made
-    here; warnings that it gave there are not seen.
+    function: pure, its results such as can be pickled. The other process is one of `beside`, to which calls are handed
+    in parts, where this one is inside of that; there function and items are pickled too. Else it is a copy of this one.
+    A call that failed in the copy, or was lost with it, is made here; warnings that it gave there are not seen.
     The copy is a fork, begun in milliseconds where a new process takes half a second to import what this one holds.
     Only a process of one thread, on Linux, with a core to spare and allowed children, is copied; in any other, and
     where a fork fails, all calls are made here.
@@ -403,8 +411,14 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
     ...     rest()
     [1, 2, 3]
     """
+    if len(items) >= _FEWEST_SHARED and (hand := _hand.get()) is not None:
+        step = math.ceil(len(items) / _MOST_PARTS)
+        later = [hand(_each, function, items[begin : begin + step]) for begin in range(0, len(items), step)]
+        # who has a process beside it makes the last part first, the other one the first
+        yield lambda: [result for part in reversed([part() for part in reversed(later)]) for result in part]
+        return
     if len(items) < _FEWEST_SHARED or cores() < 2 or not _can_be_copied():
-        yield lambda: [function(item) for item in items]
+        yield lambda: _each(function, items)
         return
     first, fork, every = os.getpid(), get_context("fork"), min(len(items), _MOST_CLAIMS)
     with ExitStack() as stack:
@@ -446,6 +460,10 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
             return [found[place] if place in found else function(item) for place, item in enumerate(items)]
 
         yield rest
+
+
+def _each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    return [function(item) for item in items]
 
 
 def _can_be_copied() -> bool:

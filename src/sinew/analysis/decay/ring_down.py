@@ -894,22 +894,22 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
 def ring_downs_beside(
     recording: xr.Dataset | Signals, inertia_kg_m2: float | None = None
 ) -> Iterator[Callable[[], xr.Dataset]]:
-    """Begin to analyse the ring-downs beside what this process does, where it can be copied (`measure.tasks.halved`).
+    """Begin to analyse the ring-downs beside what this process does, where another one can (`measure.tasks.halved`).
 
     Arguments as of `analyse_ring_downs`; gives what finishes it here, and returns and raises the same.
     """
     signals = read_signals(recording)
-    asked = [(index, segment) for index, (segment, _) in enumerate(signals.segments) if segment.kind == "ring-down"]
+    asked = [index for index, (segment, _) in enumerate(signals.segments) if segment.kind == "ring-down"]
     if not asked:
         raise RecordingError("recording has no ring-down segment; expected at least one")
-    with halved(partial(_read_segment, signals, inertia_kg_m2), [index for index, _ in asked]) as rest:
-        yield lambda: _over_pretension([segment for _, segment in asked], rest(), signals.response.unit)
+    with halved(partial(_read_excerpt, inertia_kg_m2), [_excerpt(signals, index) for index in asked]) as rest:
+        yield lambda: _over_pretension([signals.segments[i][0] for i in asked], rest(), signals.response.unit)
 
 
 def _over_pretension(
     asked: list[Segment], read: list[tuple[dict[str, float], list[Envelope | None]] | str], unit: str
 ) -> xr.Dataset:
-    """Return the variables over (pretension, repeat) from what each ring-down says, see `_read_segment`."""
+    """Return the variables over (pretension, repeat) from what each ring-down says, see `_read_excerpt`."""
     found: list[tuple[Segment, dict[str, float]]] = []
     windows: list[tuple[Segment, list[Envelope | None]]] = []
     notes: list[str] = []
@@ -973,27 +973,22 @@ _WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
 }
 
 
-def _read_segment(
-    signals: Signals, inertia_kg_m2: float | None, index: int
-) -> tuple[dict[str, float], list[Envelope | None]] | str:
-    """Return the numbers of a ring-down by name, and what each of `DECAY_WINDOWS` says where the stop of the drive is
-    known; or why it cannot be analysed."""
-    try:
-        result, read = _analyse_segment(signals, inertia_kg_m2, index)
-    except RecordingError as error:
-        return str(error)
-    numbers = _numbers(result, float(signals.time_s[signals.segments[index][1].start]))
-    if result.withheld and not read:
-        numbers |= {name: np.nan for name in numbers if name.startswith("paper_")}
-    return numbers, read
+class _Excerpt(NamedTuple):
+    """What a recording says of one ring-down: stamps and response (n,), the drive (n,) where it was measured; the time
+    from which the decay is free, where the stop of the drive is known; and the drive's period [s]."""
+
+    time_s: Array
+    response: Array
+    drive: Array | None
+    is_rate: bool
+    unit: str
+    free_from_s: float | None
+    period_s: float
 
 
-def _analyse_segment(
-    signals: Signals, inertia_kg_m2: float | None, index: int
-) -> tuple[RingDown, list[Envelope | None]]:
-    """Return the ring-down, and beside it what each of `DECAY_WINDOWS` says where the stop of the drive is known."""
+def _excerpt(signals: Signals, index: int) -> _Excerpt:
     (here, where), response, drive = signals.segments[index], signals.response, signals.drive
-    time, values, free_from = signals.time_s[where], response.values[where], None
+    time, period, free_from = signals.time_s[where], 1.0 / here.frequency_hz, None
     if index > 0:
         before = signals.segments[index - 1][0]
         same = (before.pretension_mm, before.frequency_hz, before.repeat) == (
@@ -1002,19 +997,32 @@ def _analyse_segment(
             here.repeat,
         )
         if before.kind == "settle" and same:
-            free_from = float(time[0]) + DECAY_FROM_PERIODS / here.frequency_hz
-    result = analyse_ring_down(
-        time,
-        values,
-        drive=None if drive is None else drive.values[where],
-        is_rate=response.is_rate,
-        unit=response.unit,
-        inertia_kg_m2=inertia_kg_m2,
-        free_from_s=free_from,
-    )
-    if free_from is None:
-        return result, []
-    return result, read_windows(time, values, result, 1.0 / here.frequency_hz)
+            free_from = float(time[0]) + DECAY_FROM_PERIODS * period
+    known = None if drive is None else drive.values[where]
+    return _Excerpt(time, response.values[where], known, response.is_rate, response.unit, free_from, period)
+
+
+def _read_excerpt(inertia_kg_m2: float | None, of: _Excerpt) -> tuple[dict[str, float], list[Envelope | None]] | str:
+    """Return the numbers of a ring-down by name, and what each of `DECAY_WINDOWS` says where the stop of the drive is
+    known; or why it cannot be analysed."""
+    try:
+        result = analyse_ring_down(
+            of.time_s,
+            of.response,
+            drive=of.drive,
+            is_rate=of.is_rate,
+            unit=of.unit,
+            inertia_kg_m2=inertia_kg_m2,
+            free_from_s=of.free_from_s,
+        )
+        stopped = of.free_from_s is not None
+        read = read_windows(of.time_s, of.response, result, of.period_s) if stopped else []
+    except RecordingError as error:
+        return str(error)
+    numbers = _numbers(result, float(of.time_s[0]))
+    if result.withheld and not read:
+        numbers |= {name: np.nan for name in numbers if name.startswith("paper_")}
+    return numbers, read
 
 
 def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, period_s: float) -> list[Envelope | None]:
