@@ -78,7 +78,8 @@ def main() -> None:
                 "0.8 s",
             ),
             ("sinew reproduce", (*SINEW, "reproduce", "--out", str(made)), 1, "20 s, 1200 MiB", "9 s, 1200 MiB"),
-            ("sinew analyse recording.nc", (*SINEW, "analyse", str(made / "recording.nc")), 3, "", "0.6 s"),
+            ("sinew analyse recording.nc", (*SINEW, "analyse", str(made / "recording.nc")), 3, "", ""),
+            ("sinew answer recording.nc", (*SINEW, "answer", str(made / "recording.nc")), 1, "", "20 s"),
         ]
         print(f"{'':36}{'wall/s':>8}{'processor/s':>12}{'MiB':>9}  wanted: at most")
         for name, arguments, times, at_first, again in rows:

@@ -22,7 +22,7 @@ from scipy.linalg import lstsq
 from sinew.analysis.analysed import analyse_recording, recording_rig
 from sinew.measure.files.netcdf import load_recording, save_recording
 from sinew.plan.toml import load_plan, load_rig
-from sinew.twin.cache import configure
+from sinew.twin.cache import use_all_cores
 from sinew.twin.simulate import simulate
 
 
@@ -57,7 +57,7 @@ def _analysis_in_a_new_process(path: Path) -> float:
 
 def main() -> None:
     """Print seconds of simulation, of saving and of analysis."""
-    configure()
+    use_all_cores()
     plan, rig = load_plan("paper"), load_rig("paper")
     made: list[xr.Dataset] = []
     first, again = (_seconds(lambda: made.append(simulate(plan, rig, seed=0))) for _ in range(2))
@@ -70,10 +70,14 @@ def main() -> None:
         theirs = min(_seconds(lambda: recording.to_netcdf(Path(folder) / "theirs.nc")) for _ in range(3))
         alone, command = analysis(Path(folder) / "ours.nc"), _analysis_in_a_new_process(Path(folder) / "ours.nc")
         sizes = [(Path(folder) / name).stat().st_size / 1e6 for name in ("ours.nc", "theirs.nc")]
-    print(f"  save, checked, atomic   {ours:6.2f} s, {sizes[0]:.0f} MB; xarray alone {theirs:.2f} s, {sizes[1]:.0f} MB")
+    print(
+        f"  save, checked, atomic   {ours:6.2f} s (wanted: at most 0.3), {sizes[0]:.0f} MB; "
+        f"xarray alone {theirs:.2f} s, {sizes[1]:.0f} MB"
+    )
     hand = _seconds(lambda: _by_hand(recording))
     print(
-        f"  analyse all of it       {command:6.2f} s; alone {alone:.2f} s; two sines per segment by scipy {hand:.2f} s"
+        f"  analyse all of it       {command:6.2f} s (wanted: at most 0.6); alone {alone:.2f} s; "
+        f"two sines per segment by scipy {hand:.2f} s"
     )
 
 

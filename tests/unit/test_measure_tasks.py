@@ -1,5 +1,6 @@
 """Tasks over this process and others: order, progress, what is kept and gone on from, what a killed process costs."""
 
+import gc
 import os
 import pickle
 import re
@@ -8,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +26,7 @@ from sinew.measure.tasks import (
     cores,
     digest_of,
     each_task,
+    halved,
     run_tasks,
 )
 
@@ -257,6 +260,51 @@ def test_what_a_process_took_with_it_is_made_here(log: Path) -> None:
         wait_for(log)
         assert fetched() == os.getpid()
         assert hand(divmod, 7, 2)() == (3, 1), "what is handed over later is made here, too"
+
+
+def lost_in_the_other(here: int, number: int) -> tuple[int, int]:
+    time.sleep(0.02)
+    if os.getpid() != here and number == 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number, os.getpid()
+
+
+def test_half_of_some_calls_goes_to_the_process_that_is_there_already(log: Path) -> None:
+    with beside(1) as hand:
+        hand(pausing, 0.0, log)
+        wait_for(log)
+        with halved(partial(pausing, log=log), [0.1] * 20) as rest:
+            found = rest()
+        with pytest.raises(SpecError, match="no square of that"), halved(square, [Job(-1.0, log)] * 4) as rest:
+            rest()
+        with halved(partial(lost_in_the_other, os.getpid()), range(40)) as rest:
+            time.sleep(0.5)
+            kept = rest()
+    assert len(found) == 20
+    assert len(set(found)) == 2
+    assert found[0] != os.getpid()
+    assert found[-1] == os.getpid()
+    assert [number for number, _ in kept] == list(range(40)), "in their order, those of a lost process too"
+
+
+def settings(log: Path) -> tuple[int, bool, int]:
+    log.touch()
+    return os.getpid(), sys.modules.get("dask", sys) is None, gc.get_threshold()[0]
+
+
+def test_a_process_beside_keeps_dask_out_as_this_one_does(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dask", None)
+    before = gc.get_threshold()
+    gc.set_threshold(54_321)
+    try:
+        with beside(1) as hand:
+            fetched = hand(settings, log)
+            wait_for(log)
+            process, *found = fetched()
+    finally:
+        gc.set_threshold(*before)
+    assert process != os.getpid()
+    assert found == [True, 54_321]
 
 
 INTERRUPTED = """

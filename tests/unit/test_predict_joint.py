@@ -65,6 +65,17 @@ def test_a_small_motion_without_friction_is_the_linear_response_of_the_joint() -
     assert branch.phase == pytest.approx(-np.angle(gain), abs=2e-4)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("amplitude_deg", [8.0, 20.0, 40.0])
+def test_a_curve_read_on_straight_lines_is_that_of_many_more_points(amplitude_deg: float) -> None:
+    problem = joint_problem(load_rig("paper"), [0.0, 5.0, 12.0], amplitude_deg, BAND_HZ)
+    fine = RESOLUTION._replace(stride=RESOLUTION.stride._replace(most=0.02, correction=2e-3), stability=False)
+    for few, many in zip(*(predict(problem, BAND_HZ, each).branches for each in (RESOLUTION, fine)), strict=True):
+        assert many.frequency_hz.size > 4 * few.frequency_hz.size
+        read = np.interp(many.frequency_hz, few.frequency_hz, few.amplitude)
+        assert read == pytest.approx(many.amplitude, abs=2.5e-3 * many.amplitude.max())
+
+
 def test_a_prescribed_lever_leaves_three_coordinates() -> None:
     problem = joint_problem(load_rig("paper"), [0.0], 5.0, BAND_HZ, effects=Effects().without("drive_dynamics"))
     assert problem.equations is prescribed_lever(1)

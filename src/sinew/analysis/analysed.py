@@ -50,10 +50,10 @@ from sinew.measure.estimate import (
 )
 from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_part, load_recording, provenance
+from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.tasks import with_one_blas_thread
 from sinew.measure.told import Table, Told
-from sinew.plan.plan import FEWEST_FREQUENCIES, too_few_frequencies
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec

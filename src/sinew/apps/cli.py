@@ -148,7 +148,7 @@ def _sinew(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line (`sys.argv` by default, of a process of its own) and return its exit status."""
     if arguments is None:
-        gc.set_threshold(100_000)  # modules make objects that stay; to look at them again and again takes a tenth
+        gc.set_threshold(300_000)  # modules make objects that stay; to look at them again and again takes a tenth
         atexit.register(gc.freeze)  # and once more at the end, half a second where JAX is loaded
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a second one mostly waits for the first
         console.hide_dask()

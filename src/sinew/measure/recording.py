@@ -38,6 +38,15 @@ SOURCES = {
 """What a recording's attribute `source` says, in words."""
 
 
+FEWEST_FREQUENCIES = 6
+"""So many a sweep needs for a resonance to be read off its curve."""
+
+
+def too_few_frequencies(count: int) -> str:
+    """Return why a sweep of so many frequencies has no resonance."""
+    return f"too few frequencies for a resonance: found {count}, expected at least {FEWEST_FREQUENCIES}; measure more"
+
+
 @dataclass(frozen=True)
 class Segment:
     """What was asked for in one stretch of a recording.

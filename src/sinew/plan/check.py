@@ -10,7 +10,8 @@ import numpy as np
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
-from sinew.plan.plan import FEWEST_FREQUENCIES, Plan, listed, too_few_frequencies
+from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
+from sinew.plan.plan import Plan, listed
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
 

@@ -34,15 +34,6 @@ MOST_FREQUENCIES = 5000
 MOST_SAMPLES = 10**9
 """And more samples in a campaign: two months at 200 Hz."""
 
-FEWEST_FREQUENCIES = 6
-"""So many a sweep needs for a resonance to be read off its curve."""
-
-
-def too_few_frequencies(count: int) -> str:
-    """Return why a sweep of so many frequencies has no resonance."""
-    return f"too few frequencies for a resonance: found {count}, expected at least {FEWEST_FREQUENCIES}; measure more"
-
-
 _MOST_LISTED = 6
 
 

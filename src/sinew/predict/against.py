@@ -27,7 +27,8 @@ from sinew.analysis.sweep.response import Response, estimate_response
 from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.plan.plan import FEWEST_FREQUENCIES, TendonMode
+from sinew.measure.recording import FEWEST_FREQUENCIES
+from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 from sinew.solve.branch import Prediction, Swept, sweep

@@ -22,8 +22,8 @@ from sinew.analysis.signal.repeats import Interval, combine_repeats
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, Complexes, Mask, mean_of_known, wrapped_lag
 from sinew.measure.estimate import Estimate
+from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
 from sinew.measure.schema import RESULT_VARIABLES, companions
-from sinew.plan.plan import FEWEST_FREQUENCIES, too_few_frequencies
 
 # ---- rational curve through a measured resonance, whose peak can be read off between the points
 
