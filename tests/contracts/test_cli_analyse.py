@@ -10,8 +10,12 @@ import xarray as xr
 
 from sinew.analysis.analysed import decay_rows
 from sinew.apps.cli import main
+from sinew.apps.recordings.stored import hash_file
+from sinew.measure.errors import FileError
 from sinew.measure.files.netcdf import load_dataset, load_recording
 from sinew.measure.schema import validate_results
+from sinew.measure.tasks import CORES
+from sinew.paper import report
 from sinew.plan.toml import dump_plan, load_plan
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -252,6 +256,28 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_reproduce_leaves_recording_results_figures_report_and_summary(campaign: Path) -> None:
     names = {path.name for path in campaign.iterdir()}
     assert names == {"recording.nc", "results.nc", "figures", "report.html", "summary.json", "effects.json"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cores", ["1", "2"])
+def test_what_was_finished_is_there_when_pages_fail(
+    cores: str, campaign: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise FileError("no room for figures")
+
+    (tmp_path / "results.nc").write_bytes((campaign / "recording.nc").read_bytes())  # of another time
+    monkeypatch.setenv(CORES, cores)
+    monkeypatch.setattr(report, "draw_figures", refuse)
+    plan = str(campaign.parent / "plan.toml")
+    assert main(["reproduce", "--plan", plan, "--out", str(tmp_path), "--seed", "3"]) == 2
+    recording, results = load_recording(tmp_path / "recording.nc"), load_dataset(tmp_path / "results.nc")
+    validate_results(results)
+    assert results.attrs["recording_hash"] == recording.attrs["content_hash"]
+    assert results.attrs["effects_hash"] == hash_file(tmp_path / "effects.json")
+    monkeypatch.undo()
+    assert main(["report", str(tmp_path)]) == 0
+    assert (tmp_path / "report.html").is_file()
 
 
 @pytest.mark.slow

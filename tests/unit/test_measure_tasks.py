@@ -284,7 +284,9 @@ def test_half_of_some_calls_goes_to_the_process_that_is_there_already(log: Path)
     assert len(set(found)) == 2
     assert found[0] != os.getpid()
     assert found[-1] == os.getpid()
-    assert [number for number, _ in kept] == list(range(40)), "in their order, those of a lost process too"
+    assert [number for number, _ in kept] == list(range(40)), "in their order"
+    assert kept[0][1] != os.getpid()
+    assert {process for number, process in kept if number >= 4} == {os.getpid()}, "what it took with it is made here"
 
 
 def settings(log: Path) -> tuple[int, bool, int]:

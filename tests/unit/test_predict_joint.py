@@ -69,11 +69,20 @@ def test_a_small_motion_without_friction_is_the_linear_response_of_the_joint() -
 @pytest.mark.parametrize("amplitude_deg", [8.0, 20.0, 40.0])
 def test_a_curve_read_on_straight_lines_is_that_of_many_more_points(amplitude_deg: float) -> None:
     problem = joint_problem(load_rig("paper"), [0.0, 5.0, 12.0], amplitude_deg, BAND_HZ)
-    fine = RESOLUTION._replace(stride=RESOLUTION.stride._replace(most=0.02, correction=2e-3), stability=False)
+    fine = RESOLUTION._replace(stride=RESOLUTION.stride._replace(most=0.03, correction=2e-3), stability=False)
     for few, many in zip(*(predict(problem, BAND_HZ, each).branches for each in (RESOLUTION, fine)), strict=True):
-        assert many.frequency_hz.size > 4 * few.frequency_hz.size
+        assert many.frequency_hz.size > 3 * few.frequency_hz.size
         read = np.interp(many.frequency_hz, few.frequency_hz, few.amplitude)
         assert read == pytest.approx(many.amplitude, abs=2.5e-3 * many.amplitude.max())
+        assert (few.complete, len(few.folds)) == (True, 0) == (many.complete, len(many.folds))
+        assert np.all(np.diff(few.frequency_hz) > 0)
+        assert few.peak is not None
+        assert many.peak is not None
+        assert few.phase_90 is not None
+        assert many.phase_90 is not None
+        assert few.peak.frequency_hz == pytest.approx(many.peak.frequency_hz, rel=2e-3)
+        assert few.peak.amplitude == pytest.approx(many.peak.amplitude, rel=2e-3)
+        assert few.phase_90.frequency_hz == pytest.approx(many.phase_90.frequency_hz, rel=1e-4)
 
 
 def test_a_prescribed_lever_leaves_three_coordinates() -> None:

@@ -271,7 +271,8 @@ def beside(processes: int) -> Iterator[Hand]:
     (3, 1)
     """
     if processes < 1:
-        yield partial
+        with _handing(None):
+            yield partial
         return
     pool = _pool_of(processes)
     claims: list[Path] = []
@@ -282,7 +283,7 @@ def beside(processes: int) -> Iterator[Hand]:
             try:
                 with _share_of(processes + 1):
                     future = pool.submit(_unless_claimed, claim, function, *arguments)
-            except BrokenExecutor:  # a process has ended, perhaps for want of memory: this one goes on alone
+            except RuntimeError:  # a process has ended, perhaps for want of memory, or all are over: this one goes on
                 return partial(function, *arguments)
 
             def fetched() -> Any:
@@ -293,14 +294,22 @@ def beside(processes: int) -> Iterator[Hand]:
 
             return fetched
 
-        token = _hand.set(hand)
         try:
-            yield hand
+            with _handing(hand):
+                yield hand
         finally:
-            _hand.reset(token)
             for claim in claims:
                 _claimed_here(claim)
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _handing(hand: Hand | None) -> Iterator[None]:
+    token = _hand.set(hand)
+    try:
+        yield
+    finally:
+        _hand.reset(token)
 
 
 def _claimed_here(claim: Path) -> bool:
@@ -402,7 +411,8 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
 
     function: pure, its results such as can be pickled. The other process is one of `beside`, to which calls are handed
     in parts, where this one is inside of that; there function and items are pickled too. Else it is a copy of this one.
-    A call that failed in the copy, or was lost with it, is made here; warnings that it gave there are not seen.
+    A call that failed in the copy, or was lost with it, is made here; warnings that it gave there are not seen. What is
+    given returns the results for one time, and raises what a call raised; of several that did, any.
     The copy is a fork, begun in milliseconds where a new process takes half a second to import what this one holds.
     Only a process of one thread, on Linux, with a core to spare and allowed children, is copied; in any other, and
     where a fork fails, all calls are made here.
@@ -413,7 +423,7 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
     """
     if len(items) >= _FEWEST_SHARED and (hand := _hand.get()) is not None:
         step = math.ceil(len(items) / _MOST_PARTS)
-        later = [hand(_each, function, items[begin : begin + step]) for begin in range(0, len(items), step)]
+        later = [hand(_part, function, items[begin : begin + step]) for begin in range(0, len(items), step)]
         # who has a process beside it makes the last part first, the other one the first
         yield lambda: [result for part in reversed([part() for part in reversed(later)]) for result in part]
         return
@@ -464,6 +474,11 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
 
 def _each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
     return [function(item) for item in items]
+
+
+@with_one_blas_thread
+def _part(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    return _each(function, items)
 
 
 def _can_be_copied() -> bool:

@@ -130,7 +130,8 @@ def effect_shares(rig: RigSpec) -> list[dict[str, Any]]:
     """Return one row for each entry of `SHARES`: resonance, gain and damping at the two pretensions.
 
     Keys: effect, and resonance_hz, gain (nominal drive), damping (paper's D), each with the suffix _0 and _12 [mm];
-    None where the sweep has no resonance. Scatter and sensor noise are off; all rows run as one batch.
+    None where the sweep has no resonance, or a decay no peaks. Scatter and sensor noise are off; all rows run as one
+    batch.
     """
     plan = shares_plan()
     groups = plan.groups()

@@ -28,7 +28,8 @@ class Search(NamedTuple):
 
     Equations with kinks (a duty at its limit, friction that turns round) have a g that jumps a little where a kink
     passes a sample. Their nudge has to reach over several of these jumps; the points are as exact as the jumps allow,
-    and a search that goes from one jump to the next, three corrections long no nearer, is given up.
+    and a search that goes from one jump to the next, whose corrections become in three steps no half as long, is given
+    up.
     """
 
     nudge: float = 1e-5
@@ -62,7 +63,8 @@ def locate(
     lane: with a leading axis k.
     """
     best, error = x.copy(), np.full(len(x), np.inf)
-    there, tangents, left, idle = x.copy(), normal.copy(), np.arange(len(x)), np.zeros(len(x), dtype=int)
+    there, tangents, left = x.copy(), normal.copy(), np.arange(len(x))
+    near, idle = np.full(len(x), np.inf), np.zeros(len(x), dtype=int)
     for _ in range(_STEPS):
         now, across, own = there[left], normal[left], rows_of(lane, left)
         quarter, peak = kind[left] == QUARTER, kind[left] == PEAK
@@ -90,7 +92,8 @@ def locate(
         length = np.linalg.norm(change, axis=1)
         there[left] += change * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
         again = quarter & (error[left] >= search.enough)  # one more step is free of kinks
-        idle[left] = np.where((length > _LONGEST) | (length < 0.5 * error[left]), 0, idle[left] + 1)
+        nearer = (length > _LONGEST) | (length < 0.5 * near[left])
+        near[left], idle[left] = np.where(nearer, length, near[left]), np.where(nearer, 0, idle[left] + 1)
         better = left[length < error[left]]
         best[better], error[better] = there[better], length[length < error[left]]
         left = left[again | (error[left] >= search.enough) & (idle[left] < _IDLE)]

@@ -975,7 +975,7 @@ _WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
 
 class _Excerpt(NamedTuple):
     """What a recording says of one ring-down: stamps and response (n,), the drive (n,) where it was measured; the time
-    from which the decay is free, where the stop of the drive is known; and the drive's period [s]."""
+    from which the decay is free and the drive's period [s], where the stop of the drive is known, else None and NaN."""
 
     time_s: Array
     response: Array
@@ -988,7 +988,7 @@ class _Excerpt(NamedTuple):
 
 def _excerpt(signals: Signals, index: int) -> _Excerpt:
     (here, where), response, drive = signals.segments[index], signals.response, signals.drive
-    time, period, free_from = signals.time_s[where], 1.0 / here.frequency_hz, None
+    time, period, free_from = signals.time_s[where], np.nan, None
     if index > 0:
         before = signals.segments[index - 1][0]
         same = (before.pretension_mm, before.frequency_hz, before.repeat) == (
@@ -997,6 +997,7 @@ def _excerpt(signals: Signals, index: int) -> _Excerpt:
             here.repeat,
         )
         if before.kind == "settle" and same:
+            period = 1.0 / here.frequency_hz
             free_from = float(time[0]) + DECAY_FROM_PERIODS * period
     known = None if drive is None else drive.values[where]
     return _Excerpt(time, response.values[where], known, response.is_rate, response.unit, free_from, period)

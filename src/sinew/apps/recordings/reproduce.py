@@ -71,9 +71,11 @@ def reproduce(
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with _processes() as hand:
         campaign, written = _run_campaign(plans, rig_, seed, out, rebuild, hand)
-        summary = _write_pages(campaign, out, hand, began=began)
-        for fetched in written:
-            fetched()
+        try:
+            summary = _write_pages(campaign, out, hand, began=began)
+        finally:
+            for fetched in written:
+                fetched()
     _show(summary, out, json=json)
 
 
@@ -100,17 +102,22 @@ def _run_campaign(
     above = [hand(_results, each, rig, seed) for each in plans[1:]]
     with console.progress_bar("simulate") as progress:
         recording = simulate(plans[0], rig, seed=seed, progress=progress).assign_attrs(command=rebuild)
-    for name in ("beyond.nc", "effects.json"):
+    for name in ("results.nc", "beyond.nc", "effects.json"):
         (out / name).unlink(missing_ok=True)
     save_recording(recording, out / "recording.nc")
     results = _analyse(recording, rig)
-    with console.progress_bar("simulate above the paper's range, and with effects off"):
-        further = next((results_of() for results_of in above), None)
-        effects = shares()
+    saved = hand(save_dataset, results, out / "results.nc")  # kept, whatever becomes of the rest
+    try:
+        with console.progress_bar("simulate above the paper's range, and with effects off"):
+            further = next((results_of() for results_of in above), None)
+            effects = shares()
+    finally:
+        saved()
+    files = {} if further is None else {"beyond.nc": further}
     if effects:
         console.write_json(effects, out / "effects.json")
         results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
-    files = {"results.nc": results} | ({} if further is None else {"beyond.nc": further})
+        files["results.nc"] = results
     written = [hand(save_dataset, dataset, out / name) for name, dataset in files.items()]
     simulated_s = sum(preview.duration_s for preview in previews)
     return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild), written
@@ -346,7 +353,7 @@ def answer(
     """Answer the paper's open questions from a recording or a rig: numbers with intervals, and what cannot be told.
 
     It writes answers.html, answers.json and the figures of the answers. Of a recording, results.nc and beyond.nc beside
-    it are taken up where they belong to it; a whole campaign takes about a minute. Of a rig it answers what
+    it are taken up where they belong to it; a whole campaign takes about half a minute. Of a rig it answers what
     nobody has measured, in a minute or two: whether a bend moves the resonance, what moves with the torsion, how
     unequal tensions get, the spinal engine, what the joint carries, and how a bench would test each.
     """

@@ -26,7 +26,7 @@ from sinew.paper.answers.losses import answer_losses
 from sinew.paper.answers.saturation import answer_saturation
 from sinew.plan.rig import RigSpec
 
-STEPS = ("the joint", "hardening", "losses")
+STEPS = ("the joint", "losses", "hardening")
 """What takes time, in order; `progress` of `answer_questions` names it."""
 
 _MOST_PRETENSIONS = 5
@@ -51,13 +51,13 @@ def answer_questions(
     recording: of a rig, or imported. results: of `analyse_recording` of it with the same rig. rig: None where none is
     known; then sensors are perfect and the losses cannot be told apart. beyond: results of a sweep at further
     pretensions, for the saturation. joint: the tendon joint fitted to the recording; fitted here where it is None and
-    the rig is known. hand: of `sinew.measure.tasks.beside`, where a further process asks for the hardening while the
-    joint is fitted here, and says nothing of how far it is. progress: called with (step, done, total).
+    the rig is known. hand: of `sinew.measure.tasks.beside`, where a further process asks for the hardening beside all
+    that is asked here, and says nothing of how far it is. progress: called with (step, done, total).
     """
     if "gain" in results:
         recording = split_by_drive(recording)
     why_not = ""
-    told = [lambda done, total: progress(STEPS[1], done, total)] if hand is partial else []
+    told = [lambda done, total: progress(STEPS[2], done, total)] if hand is partial else []
     hardening = hand(answer_hardening, recording, rig, *told)
     if joint is None:
         joint, why_not = _fitted_joint(recording, rig, results, progress)
