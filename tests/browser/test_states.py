@@ -639,6 +639,8 @@ def test_a_long_oscilloscope_leaves_the_curve_as_high_as_it_is(opened: Open, sta
     page = opened(stage)
     stage.begin(name)
     watch(page)
+    page.wait_for_selector(".nicegui-echart >> nth=0 >> text=2 mm, measured")  # till then a line says what is to come
+    page.wait_for_function("document.getElementById('sinew-coming').clientHeight === 0")
     cards = [page.locator(f".sinew-at-{one}") for one in ("curve", "scope")]
     before = [card.bounding_box()["height"] for card in cards]
     page.click("#sinew-spectrum")
