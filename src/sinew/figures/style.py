@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.doors import write_atomically
-from sinew.measure.tasks import Hand
+from sinew.measure.tasks import Hand, fetch_all
 
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
@@ -170,5 +170,4 @@ def save_figures(
     Raises FileError where the folder cannot be written.
     """
     later = [hand(save_figure, figure, folder, stem, formats) for stem, figure in figures]
-    written = [fetched() for fetched in reversed(later)]
-    return [path for paths in reversed(written) for path in paths]
+    return [path for paths in fetch_all(later) for path in paths]

@@ -303,6 +303,14 @@ def beside(processes: int) -> Iterator[Hand]:
             pool.shutdown(cancel_futures=True)
 
 
+def fetch_all(later: Sequence[Callable[[], R]]) -> list[R]:
+    """Return the results of calls that were handed over, in their order; those that no process has begun are made here.
+
+    The last is fetched first: the processes begin with the first, so they meet.
+    """
+    return [fetched() for fetched in reversed(later)][::-1]
+
+
 @contextmanager
 def _handing(hand: Hand | None) -> Iterator[None]:
     token = _hand.set(hand)
@@ -424,11 +432,10 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
     if len(items) >= _FEWEST_SHARED and (hand := _hand.get()) is not None:
         step = math.ceil(len(items) / _MOST_PARTS)
         later = [hand(_part, function, items[begin : begin + step]) for begin in range(0, len(items), step)]
-        # who has a process beside it makes the last part first, the other one the first
-        yield lambda: [result for part in reversed([part() for part in reversed(later)]) for result in part]
+        yield lambda: [result for part in fetch_all(later) for result in part]
         return
     if len(items) < _FEWEST_SHARED or cores() < 2 or not _can_be_copied():
-        yield lambda: _each(function, items)
+        yield lambda: [function(item) for item in items]
         return
     first, fork, every = os.getpid(), get_context("fork"), min(len(items), _MOST_CLAIMS)
     with ExitStack() as stack:
@@ -472,13 +479,9 @@ def halved(function: Callable[[T], R], items: Sequence[T]) -> Iterator[Callable[
         yield rest
 
 
-def _each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    return [function(item) for item in items]
-
-
 @with_one_blas_thread
 def _part(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    return _each(function, items)
+    return [function(item) for item in items]
 
 
 def _can_be_copied() -> bool:
