@@ -10,13 +10,13 @@ know of. Prints a line for each spoilt thing: how often it was found, by which d
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.doubts import Doubt, find_doubts, foretold
-from sinew.analysis.signal.signals import read_signals
+from sinew.analysis.doubts import doubts_of, foretold
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -135,11 +135,11 @@ def expected_of(plan: Plan, rig: RigSpec) -> str:
     return foretold(analyse_recording(simulate(plan, rig, effects=quiet), rig))
 
 
-def doubts(recording: xr.Dataset, rig: RigSpec) -> list[Doubt]:
-    return find_doubts(analyse_recording(recording, rig), read_signals(recording, rig))
+def doubts(recording: xr.Dataset, rig: RigSpec) -> list[dict[str, Any]]:
+    return doubts_of(analyse_recording(recording, rig))
 
 
-def good(seeds: int) -> Iterator[tuple[str, list[Doubt]]]:
+def good(seeds: int) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield what is doubted of good recordings: nothing should be."""
     for name, rig in rigs().items():
         for mode in MODES:
@@ -164,7 +164,7 @@ def main() -> None:
             count += 1
             alarms += bool(found)
             for one in found:
-                print(f"FALSE {where}: {one.kind} {one.distance:.1f}: {one.sentence}", flush=True)
+                print(f"FALSE {where}: {one['kind']} {one['distance']}: {one['sentence']}", flush=True)
         print(f"good: {alarms} false alarms in {count} recordings", flush=True)
     if only == "good":
         return
@@ -176,7 +176,7 @@ def main() -> None:
             for hint in ("", expected):
                 hits, kinds = 0, Counter[str]()
                 for seed in range(seeds):
-                    told = {one.kind for one in doubts(spoil(rig, plan, seed).assign_attrs(expected=hint), rig)}
+                    told = {one["kind"] for one in doubts(spoil(rig, plan, seed).assign_attrs(expected=hint), rig)}
                     kinds.update(told)
                     hits += bool(told & wanted)
                 counts = ", ".join(f"{kind} {n}" for kind, n in sorted(kinds.items())) or "nothing"

@@ -21,7 +21,7 @@ from sinew.analysis.decay.ring_down import (
     ring_down_json,
     ring_downs_beside,
 )
-from sinew.analysis.doubts import doubts_of, find_doubts
+from sinew.analysis.doubts import doubts_of, doubts_of_constants, doubts_of_sweep
 from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
 from sinew.analysis.signal.attitude import tilting
 from sinew.analysis.signal.groups import split_by_drive
@@ -251,7 +251,7 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
         raise RecordingError(f"nothing to analyse: found only {found} segments, expected steady ones or ring-downs")
     signals = everything = read_signals(split_by_drive(recording), rig)
     parts: list[xr.Dataset] = []
-    notes, in_space = "", {}
+    sweep, notes, in_space = xr.Dataset(), "", {}
     if signals.pose is not None:
         signals = signals.moved_by("lever", "impulse-torsion")
         in_space = _in_space(everything, parts)
@@ -261,6 +261,7 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
         if "steady" in kinds:
             sweep, notes = _sweep(signals)
             parts.append(sweep)
+        doubts = doubts_of_sweep(sweep, signals)
         if decays is not None:
             try:
                 parts.append(decays())
@@ -273,8 +274,8 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
     results = join_parts(parts)
     told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
     results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
-    doubts = [doubt.to_json() for doubt in find_doubts(results, signals)]
-    results.attrs["doubts"] = json.dumps(doubts, ensure_ascii=False)
+    doubts = sorted([*doubts, *doubts_of_constants(results, signals)], key=lambda doubt: -doubt.distance)
+    results.attrs["doubts"] = json.dumps([doubt.to_json() for doubt in doubts], ensure_ascii=False)
     return validate_results(results)
 
 

@@ -100,28 +100,37 @@ class Doubt:
         }
 
 
-def find_doubts(results: xr.Dataset, signals: Signals) -> list[Doubt]:
-    """Return what speaks against the results of a recording, the farthest first.
+def doubts_of_sweep(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
+    """Return what speaks against the samples of a recording, and against the sweep part of its results.
 
-    results: of the recording, see `sinew.analysis.analysed.analyse_recording`. signals: of it; without a rig only what
-    needs none is looked at. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
+    sweep: that part, see `sinew.analysis.analysed.analyse_recording`; empty where there is none. signals: of the
+    recording; without a rig only what needs none is looked at. What a recording lacks (tendon angles, a duty, an
+    expectation) is not doubted.
     """
     rig, found = signals.rig, list(_frozen_channels(signals))
     expected = expectation(signals.attrs)
-    if "gain" in results:
-        sweep = _Sweep.of(results, signals)
-        found += _phase_doubts(sweep)
-        found += _silent_doubts(sweep, signals)
+    if "gain" in sweep:
+        looked = _Sweep.of(sweep, signals)
+        found += _phase_doubts(looked)
+        found += _silent_doubts(looked, signals)
         if rig is not None:
-            found += _lever_doubts(sweep, rig, expected)
+            found += _lever_doubts(looked, rig, expected)
         if expected is not None:
-            found += _curve_doubts(sweep, expected)
+            found += _curve_doubts(looked, expected)
     if rig is not None:
         found += _pretension_doubts(signals, rig)
-        found += _damping_doubts(results, rig, expected)
+    return found
+
+
+def doubts_of_constants(results: xr.Dataset, signals: Signals) -> list[Doubt]:
+    """Return what speaks against resonance, and frequency and damping of the decays; arguments as of
+    `doubts_of_sweep`, but all results."""
+    expected, found = expectation(signals.attrs), list[Doubt]()
+    if signals.rig is not None:
+        found += _damping_doubts(results, signals.rig, expected)
     if expected is not None:
         found += _resonance_doubts(results, expected)
-    return sorted(found, key=lambda doubt: -doubt.distance)
+    return found
 
 
 def foretold(results: xr.Dataset) -> str:

@@ -38,7 +38,7 @@ _PENCIL_SAMPLES = 6000
 _SPARSER = 2.0  # times fewer samples than a fit's show the poles of two modes near one another
 _OUTSTANDING = 20.0  # power of a residual's line over the median
 _GRID = 401  # odd, for Simpson's rule
-_SEEDS = 400
+_SEEDS = 100
 _GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
 _LOUDER, _FEWEST_LINES = 2.5, 4.0
 _LARGEST = 50.0
@@ -117,8 +117,7 @@ class Course:
         """
         place, window = self.model.mode(mode), self.stop_s - self.start_s
         c = self.parameters[place]
-        grid = np.linspace(low, high, _GRID)
-        functions, slopes = smooth_functions(grid, c.size // 2), smooth_slopes(grid, c.size // 2)
+        functions, slopes = _between(low, high, c.size // 2)
         size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
         third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
         half_swing, by_log = size * (1.0 + third * size**2), size * (1.0 + 3.0 * third * size**2)
@@ -139,6 +138,13 @@ class Course:
             gradient[0, first + 2] = (cube[0] - cube[-1] - means[0] * float(weight @ cube)) / area
             gradient[1, first + 2] = float((weight * cube) @ (omega - means[1])) / area
         return means / window, gradient / window
+
+
+@lru_cache(maxsize=32)
+def _between(low: float, high: float, count: int) -> tuple[Array, Array]:
+    """Return `count` smooth functions and their slopes on an even grid between two times, shape (_GRID, count) each."""
+    grid = np.linspace(low, high, _GRID)
+    return smooth_functions(grid, count), smooth_slopes(grid, count)
 
 
 @lru_cache(maxsize=32)
@@ -320,8 +326,11 @@ def clearly_better(plain: Course, rich: Course, by: float) -> bool:
         return False
     ratio = math.log(max(plain.left_over, 1e-300) / rich.left_over)
     price = by + 2.0 * (rich.parameters.size - plain.parameters.size)
-    # Samples are worth no more than their number: most courses fall short before their noise need be known.
-    return rich.residual.size * max(ratio, 0.0) > price and rich.effective * ratio > price
+    # They are worth no more than their number, and one more than the parameters at least, see `degrees_of_freedom`:
+    # most courses are told apart by these before their noise need be known.
+    if rich.residual.size * max(ratio, 0.0) <= price:
+        return False
+    return (rich.parameters.size + 1.0) * ratio > price or rich.effective * ratio > price
 
 
 def close_modes(t: Array, x: Array, single: Course) -> Course | None:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -565,12 +565,13 @@ def smooth_slopes(s: Array, count: int) -> Array:
     """Return the derivatives of `smooth_functions` by s, from 0 to 1, shape (n, count)."""
     if count <= 4:
         return np.concatenate([np.zeros((s.size, 1)), polynomials(s, count - 1) * np.arange(1.0, count)], axis=1)
-    return np.asarray(_splines(count).derivative()(s), dtype=float)
+    return np.asarray(_splines(count, 1)(s), dtype=float)
 
 
-def _splines(count: int) -> "scipy.interpolate.BSpline":
+@cache
+def _splines(count: int, derivative: int = 0) -> "scipy.interpolate.BSpline":
     knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, count - 2), np.ones(3)])
-    return scipy.interpolate.BSpline(knots, np.eye(count), 3)
+    return scipy.interpolate.BSpline(knots, np.eye(count), 3).derivative(derivative)
 
 
 def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:

@@ -83,7 +83,7 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
     """
     span = float(np.ptp(values))
     noise = noise_level(values)
-    half_period = first_half_period(time_s, values)
+    half_period = first_half_period(time_s, values, noise)
     step = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
     finer = int(np.ceil(_AIMED_PER_HALF * step / half_period)) if half_period < 0.5 * _AIMED_PER_HALF * step else 1
     if finer > 1:
@@ -101,9 +101,12 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
     return Peaks(time_s[index] + shift, smooth[index] + 0.5 * slope[index] * shift, half_period, noise, value_std)
 
 
-def first_half_period(time_s: Array, values: Array) -> float:
-    """Return the median spacing of the large peaks of a signal [s]; arguments and errors as of `find_peaks`."""
-    span, noise = float(np.ptp(values)), noise_level(values)
+def first_half_period(time_s: Array, values: Array, noise: float) -> float:
+    """Return the median spacing of the large peaks of a signal [s]; arguments and errors as of `find_peaks`.
+
+    noise: `noise_level` of the values.
+    """
+    span = float(np.ptp(values))
     if span <= 1e-12 * max(1.0, float(np.abs(values).max())):
         raise RecordingError("the response is constant; a ring-down needs an oscillation (is it the right column?)")
     length = int(np.clip(np.ceil((30.0 * noise / span) ** 2), 1, max(1, values.size // 20)))

@@ -129,7 +129,7 @@ def _half_period(t: Array, x: Array, gaps: NDArray[np.intp]) -> float | None:
     for part in (piece, slice(None)):
         if t[part].size > _LONG_PIECE * t.size:
             try:
-                return first_half_period(t[part], x[part])
+                return first_half_period(t[part], x[part], noise_level(x[part]))
             except RecordingError:
                 continue
     return None

@@ -4,8 +4,6 @@
 else that `sinew analyse` of a table needs. Tests hold these beside those.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,12 +63,12 @@ def local_cubic(values: Array, window: int, step_s: float) -> tuple[Array, Array
     """
     half = window // 2
     u = np.arange(-half, half + 1) / half
-    fit = np.linalg.pinv(np.vander(u, 4, increasing=True))
-    ends = [(u[:half], fit @ values[:window]), (u[half + 1 :], fit @ values[-window:])]
+    powers = np.vander(u, 4, increasing=True)
+    fit = np.linalg.pinv(powers)
+    first, last = fit @ values[:window], fit @ values[-window:]
     found = []
     for k in range(3):
-        derivative = (np.polynomial.polynomial.polyval(at, np.polynomial.polynomial.polyder(c, k)) for at, c in ends)
-        middle = math.factorial(k) * np.convolve(values, fit[k, ::-1], "valid")
-        first, last = derivative
-        found.append(np.concatenate([first, middle, last]) / (half * step_s) ** k)
+        middle = np.convolve(values, (powers[half] @ fit)[::-1], "valid")
+        found.append(np.concatenate([powers[:half] @ first, middle, powers[half + 1 :] @ last]) / (half * step_s) ** k)
+        powers = np.pad(powers[:, :3] * [1.0, 2.0, 3.0], ((0, 0), (1, 0)))  # their slopes
     return found[0], found[1], found[2]
