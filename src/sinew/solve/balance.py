@@ -275,21 +275,19 @@ def _rates_apart(
 
 
 class _Kind(NamedTuple):
-    """Coordinates with the same orders h of harmonics. members: which they are; channels: theirs, and owner: which
-    member each belongs to, as ones in (k, d); places: of their unknowns, (d, 2, h), one past the last for a sine of
-    order zero."""
+    """Coordinates with the same orders h of harmonics. members: which they are; channels: theirs, one's after
+    another's; places: of their unknowns, (d, 2, h), one past the last for a sine of order zero."""
 
     orders: NDArray[np.int64]
     members: list[int]
     channels: NDArray[np.int64]
-    owner: Array
     places: NDArray[np.int64]
 
 
 @cache
 def _kinds(equations: Equations, harmonics: int) -> tuple[_Kind, ...]:
     parts, counts = slices(equations, harmonics), [c.order + len(c.relaxed) for c in equations.coordinates]
-    begin, owners = np.cumsum([0, *counts]), np.repeat(np.arange(len(counts)), counts)
+    begin = np.cumsum([0, *counts])
     found = []
     for parity in dict.fromkeys(c.parity for c in equations.coordinates):
         members = [i for i, c in enumerate(equations.coordinates) if c.parity == parity]
@@ -299,7 +297,7 @@ def _kinds(equations: Equations, harmonics: int) -> tuple[_Kind, ...]:
             row[0] = parts[i].start + np.arange(h.size)
             row[1, h > 0] = parts[i].start + h.size + np.arange(np.count_nonzero(h))
         own = np.concatenate([np.arange(begin[i], begin[i + 1]) for i in members])
-        found.append(_Kind(h, members, own, (owners[own][:, None] == members).astype(float), places))
+        found.append(_Kind(h, members, own, places))
     return tuple(found)
 
 
@@ -322,11 +320,9 @@ def _hill(local: jax.Array, omega: jax.Array, equations: Equations, at: Grid, ha
             spectrum = local[np.array(rows.members)[:, None], columns.channels] @ (
                 np.concatenate([np.cos(waves), np.sin(waves)], axis=1) / at.phase.size
             )
-            real, imaginary = (
-                columns.owner[:, :, None] * jnp.concatenate([filters[i][part][:-1] for i in columns.members])[:, None]
-                for part in (0, 1)
-            )
-            passed = jnp.einsum("ckj,kde->cdje", spectrum, jnp.concatenate([real, imaginary], axis=2))
+            shares = [jnp.concatenate([part[:-1] for part in filters[i][:2]], axis=1) for i in columns.members]
+            own = jnp.split(spectrum, np.cumsum([len(share) for share in shares])[:-1], axis=1)
+            passed = jnp.stack([jnp.einsum("ckj,ke->cje", *pair) for pair in zip(own, shares, strict=True)], axis=1)
             (cr, ci), (sr, si) = (jnp.split(half, 2, axis=3) for half in jnp.split(passed, 2, axis=2))
             sign, each = np.sign(g - h), np.arange(g.size)
             sums = [z[:, :, together, each] for z in (cr - si, ci + sr)]

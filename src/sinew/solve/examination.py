@@ -7,6 +7,7 @@ left after it is what the finer waves cut off, which is less.
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -141,41 +142,59 @@ def _poles() -> tuple[tuple[complex, complex], ...]:
     return tuple((r, complex(np.polyval(upper, r) / np.polyval(np.polyder(lower), r))) for r in roots if r.imag > 0)
 
 
-def _resolved(pole: complex, h: jax.Array, equations: Equations) -> tuple[jax.Array, jax.Array, NDArray[np.int64]]:
-    """Return what a solution z of (A h - pole) z = e is of its highest derivatives of first order and of e, (s, c) and
-    (s, s), and where those stand, (c,)."""
-    total, own = size_of(equations), 0
-    by_top = jnp.zeros((total, len(equations.coordinates)), complex)
-    by_right, tops = jnp.zeros((total, total), complex), []
-    for c, coordinate in enumerate(equations.coordinates):
-        top = own + coordinate.order - 1
-        tops.append(top)
+def _resolved(pole: complex, h: jax.Array, equations: Equations) -> tuple[jax.Array, jax.Array]:
+    """Return what each state of a solution z of (A h - pole) z = e is of its coordinate's highest derivative of first
+    order, (s,), and of e, (s, s); of e only those of the same coordinate."""
+    total = size_of(equations)
+    by_top, by_right = jnp.ones(total, complex), jnp.zeros((total, total), complex)
+    for coordinate, (own, _, top) in zip(equations.coordinates, _states(equations), strict=True):
         if coordinate.order == 2:
-            by_top, by_right = by_top.at[own, c].set(h / pole), by_right.at[own, own].set(-1 / pole)
-        by_top = by_top.at[top, c].set(1.0)
+            by_top, by_right = by_top.at[own].set(h / pole), by_right.at[own, own].set(-1 / pole)
         for k, relaxation in enumerate(coordinate.relaxed, top + 1):
             share = h / relaxation / (pole + h / relaxation)
             by_top = by_top.at[k].set(share * by_top[own])
             by_right = by_right.at[k].set(share * by_right[own]).at[k, k].set(-1 / (pole + h / relaxation))
-        own = top + 1 + len(coordinate.relaxed)
-    return by_top, by_right, np.array(tops)
+    return by_top, by_right
 
 
-def _divided(table: jax.Array) -> jax.Array:
-    """Return the solutions (n, c, r) of systems [matrix, right sides] (n, c, c + r), without pivoting: a leading part
-    of A h has no eigenvalue at a complex pole of the approximant."""
-    real, imaginary = table.real, table.imag  # kept apart, XLA computes several at once
-    count = table.shape[1]
+def _states(equations: Equations) -> list[tuple[int, int, int]]:
+    """Return where the states of each coordinate begin and end, and which is its highest derivative of first order."""
+    ends = np.cumsum([0] + [c.order + len(c.relaxed) for c in equations.coordinates]).tolist()
+    return [(*at, at[0] + c.order - 1) for at, c in zip(pairwise(ends), equations.coordinates, strict=True)]
+
+
+def _systems(mean: jax.Array, own: list[jax.Array], constant: jax.Array) -> jax.Array:
+    """Return systems [matrix, right sides] (c, c + s, n) of the mean slopes (c, s, n), one part of complex ones.
+
+    own: what the channels of each coordinate, which alone reach its columns, count in them, the matrix's first, (k,
+    1 + k). constant: what is added, (c, c + s).
+    """
+    left, right, begin = [], [], 0
+    for shares in own:
+        columns = sum((share[:, None] * mean[:, begin + k, None] for k, share in enumerate(shares)), jnp.zeros(()))
+        left.append(columns[:, :1])
+        right.append(columns[:, 1:])
+        begin += len(shares)
+    return jnp.concatenate(left + right, axis=1) + constant[:, :, None]
+
+
+def _divided(real: jax.Array, imaginary: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return the solutions (c, r, n) of n systems [matrix, right sides] (c, c + r, n), without pivoting: a leading part
+    of A h has no eigenvalue at a complex pole of the approximant.
+
+    Real and imaginary part are kept apart, and the systems last, so that XLA computes several at once.
+    """
+    count = real.shape[0]
     for k in range(count):
-        size = real[:, k, k] ** 2 + imaginary[:, k, k] ** 2
-        a, b = (real[:, k, k] / size)[:, None], (-imaginary[:, k, k] / size)[:, None]
-        top = real[:, k] * a - imaginary[:, k] * b, real[:, k] * b + imaginary[:, k] * a
-        others = jnp.where(np.arange(count) == k, 0.0, 1.0)
-        a, b = ((others * part[:, :, k])[:, :, None] for part in (real, imaginary))
-        u, v = (part[:, None] for part in top)
+        size = real[k, k] ** 2 + imaginary[k, k] ** 2
+        a, b = real[k, k] / size, -imaginary[k, k] / size
+        top = real[k] * a - imaginary[k] * b, real[k] * b + imaginary[k] * a
+        others = jnp.where(np.arange(count) == k, 0.0, 1.0)[:, None]
+        a, b = ((others * part[:, k])[:, None] for part in (real, imaginary))
+        u, v = (part[None] for part in top)
         real, imaginary = real - (a * u - b * v), imaginary - (a * v + b * u)
-        real, imaginary = real.at[:, k].set(top[0]), imaginary.at[:, k].set(top[1])
-    return jnp.concatenate([real[:, :, count:], imaginary[:, :, count:]], axis=1)
+        real, imaginary = real.at[k].set(top[0]), imaginary.at[k].set(top[1])
+    return real[:, count:], imaginary[:, count:]
 
 
 def _signs(equations: Equations) -> NDArray[np.float64]:
@@ -190,28 +209,30 @@ def half_map(local: jax.Array, omega: jax.Array, equations: Equations) -> jax.Ar
     local: slopes of the rates by the channels at the samples, (c, k, n), which stand in the order of the states: lower
     derivatives and lagging copies, coordinate by coordinate. omega: Ω [rad/s].
     """
-    symmetric, total = is_symmetric(equations), size_of(equations)
+    symmetric, total, states = is_symmetric(equations), size_of(equations), _states(equations)
     count, _, samples = local.shape
     wanted = _INTERVALS if symmetric else 2 * _INTERVALS
     together = max(d for d in range(1, samples + 1) if samples % d == 0 and samples // d >= min(wanted, samples))
-    mean = jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0).transpose(2, 0, 1)
-    h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[0]
-    ahead, spread, solutions = jnp.eye(total), [], []
+    mean = jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0)
+    h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[2]
+    units = np.concatenate([np.zeros((count, count)), np.eye(total)[[top for *_, top in states]]], axis=1)
+    ahead, spread = jnp.eye(total), jnp.zeros(())
     for pole, weight in _poles():
-        by_top, by_right, tops = _resolved(pole, h, equations)
-        own = np.concatenate([-pole * np.eye(count), np.eye(total)[tops]], axis=1)
-        table = jax.lax.complex(*(mean @ (h * part) for part in _parts(jnp.concatenate([by_top, -by_right], axis=1))))
-        solutions.append(_divided(table + own))
-        weighted = 2 * weight * by_top
-        spread += [weighted.real, -weighted.imag]
+        by_top, by_right = _resolved(pole, h, equations)
+        own = [h * jnp.concatenate([by_top[b:e, None], -by_right[b:e, b:e]], axis=1) for b, e, _ in states]
+        constant: Complexes = units - pole * np.eye(count, count + total)
+        parts = [_systems(mean, [part(one) for one in own], part(constant)) for part in (jnp.real, jnp.imag)]
+        real, imaginary = _divided(*parts)
+        share = 2 * weight * by_top[:, None, None]
+        rows = [
+            share.real[begin:end] * real[c] - share.imag[begin:end] * imaginary[c]
+            for c, (begin, end, _) in enumerate(states)
+        ]
+        spread = spread + jnp.concatenate(rows)
         ahead = ahead + 2 * (weight * by_right).real
-    steps = ahead + jnp.concatenate(spread, axis=1) @ jnp.concatenate(solutions, axis=1)
+    steps = jnp.moveaxis(ahead[:, :, None] + spread, 2, 0)
     whole, _ = jax.lax.scan(lambda now, step: (step @ now, None), jnp.eye(total), steps)
     return jnp.asarray(_signs(equations) if symmetric else np.ones(total))[:, None] * whole
-
-
-def _parts(z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return z.real, z.imag
 
 
 def largest_multiplier(maps: NDArray[np.float64], equations: Equations) -> NDArray[np.float64]:
