@@ -202,18 +202,23 @@ def _signs(equations: Equations) -> NDArray[np.float64]:
     return np.concatenate(rows)
 
 
+def _means(local: jax.Array, equations: Equations) -> jax.Array:
+    """Return the means over the intervals of slopes at the samples, (c, k, n)."""
+    samples = local.shape[2]
+    wanted = _INTERVALS if is_symmetric(equations) else 2 * _INTERVALS
+    together = max(d for d in range(1, samples + 1) if samples % d == 0 and samples // d >= min(wanted, samples))
+    return jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0)
+
+
 def half_map(local: jax.Array, omega: jax.Array, equations: Equations) -> jax.Array:
     """Return the map (s, s) of disturbances over half a period, odd coordinates turned back; over a whole one where
     the equations are not symmetric.
 
     local: slopes of the rates by the channels at the samples, (c, k, n), which stand in the order of the states: lower
-    derivatives and lagging copies, coordinate by coordinate. omega: Ω [rad/s].
+    derivatives and lagging copies, coordinate by coordinate; or their means, see `_means`. omega: Ω [rad/s].
     """
     symmetric, total, states = is_symmetric(equations), size_of(equations), _states(equations)
-    count, _, samples = local.shape
-    wanted = _INTERVALS if symmetric else 2 * _INTERVALS
-    together = max(d for d in range(1, samples + 1) if samples % d == 0 and samples // d >= min(wanted, samples))
-    mean = jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0)
+    mean, count = _means(local, equations), len(states)
     h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[2]
     units = np.concatenate([np.zeros((count, count)), np.eye(total)[[top for *_, top in states]]], axis=1)
     ahead, spread = jnp.eye(total), jnp.zeros(())
@@ -287,7 +292,11 @@ def pool() -> ThreadPoolExecutor:
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    return jax.vmap(lambda x, lane: balance(x, lane, equations, size, often=True))(x, lane)
+    def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
+        found = balance(x, lane, equations, size, often=True)
+        return found.left, found.slope, _means(found.local, equations)
+
+    return jax.vmap(one)(x, lane)
 
 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
