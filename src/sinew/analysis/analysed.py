@@ -269,14 +269,14 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
                 if not parts:
                     raise
                 parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
-    if not parts:
-        raise RecordingError(str(in_space["coupling_notes"] or in_space["sway_notes"]))
-    results = join_parts(parts)
-    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
-    results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
-    doubts = sorted([*doubts, *doubts_of_constants(results, signals)], key=lambda doubt: -doubt.distance)
-    results.attrs["doubts"] = json.dumps([doubt.to_json() for doubt in doubts], ensure_ascii=False)
-    return validate_results(results)
+        if not parts:
+            raise RecordingError(str(in_space["coupling_notes"] or in_space["sway_notes"]))
+        results = join_parts(parts)  # in here, for the other process ends meanwhile
+        told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
+        results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
+        doubts = sorted([*doubts, *doubts_of_constants(results, signals)], key=lambda doubt: -doubt.distance)
+        results.attrs["doubts"] = json.dumps([doubt.to_json() for doubt in doubts], ensure_ascii=False)
+        return validate_results(results)
 
 
 _TOLD = ("_notes", "idle_power_w", "coupling_drive")
