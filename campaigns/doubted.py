@@ -8,6 +8,7 @@ know of. Prints a line for each spoilt thing: how often it was found, by which d
 """
 
 import argparse
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -164,7 +165,8 @@ def main() -> None:
             count += 1
             alarms += bool(found)
             for one in found:
-                print(f"FALSE {where}: {one['kind']} {one['distance']}: {one['sentence']}", flush=True)
+                far = math.inf if one["distance"] is None else one["distance"]
+                print(f"FALSE {where}: {one['kind']} {far:.1f}: {one['sentence']}", flush=True)
         print(f"good: {alarms} false alarms in {count} recordings", flush=True)
     if only == "good":
         return

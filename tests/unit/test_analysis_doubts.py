@@ -9,7 +9,7 @@ import xarray as xr
 from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
 
 from sinew.analysis.analysed import analyse_recording, results_document
-from sinew.analysis.doubts import _rows_beyond, doubts_of_constants, group_doubts, possible_damping
+from sinew.analysis.doubts import _rows_beyond, doubt_decays, group_doubts, possible_damping
 from sinew.analysis.signal.signals import read_signals
 from sinew.measure.estimate import NORMAL_90
 from sinew.measure.recording import iterate_segments
@@ -52,6 +52,15 @@ def test_a_lever_that_a_fifth_of_the_duty_moved_is_doubted_by_name_and_place() -
     assert found["lever"]["distance"] > 10
     assert "goal PWM" in found["lever"]["sentence"]
     assert "never touched its limit" in found["saturation"]["sentence"]
+
+
+def test_a_repeat_without_the_one_before_it_is_doubted_by_its_own_number() -> None:
+    short = of_a_bench(drive__duty_limit=0.2)
+    second = short.assign(repeat=short["repeat"] + 1).assign_attrs(content_hash="")
+    found = by_kind(doubts(second, RIG))
+    assert set(found) == {"lever", "saturation"}
+    assert {one["repeat"] for one in found["lever"]["where"]} == {1}
+    assert "repeat 2" in found["lever"]["sentence"]
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.6])
@@ -113,7 +122,7 @@ def test_a_damping_that_the_rig_cannot_give_is_doubted(good: xr.Dataset) -> None
     assert low < float(results["damping_ratio"].mean()) < high
     for factor in (0.1, 10.0):
         spoilt = results.assign(damping_ratio=factor * results["damping_ratio"])
-        assert "silicone and guides" in doubts_of_constants(spoilt, read_signals(good, RIG))[0].sentence
+        assert "silicone and guides" in doubt_decays(spoilt, read_signals(good, RIG))[0].sentence
 
 
 def test_what_one_damping_leaves_out_of_a_decay_stands_beside_its_noise(good: xr.Dataset) -> None:

@@ -1,11 +1,15 @@
 """Ring-downs whose answer is known in closed form."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
+from sinew.analysis.decay.course import clearly_better
 from sinew.analysis.decay.free_decay import drive_stop, find_peaks, fit_envelope
 from sinew.analysis.decay.ring_down import analyse_ring_down, paper_envelope, ring_down_json
 
@@ -312,3 +316,10 @@ def test_the_jitter_of_the_stamps_is_in_the_interval_of_the_frequency() -> None:
     ]
     inside = [result.frequency_hz.low <= truth <= result.frequency_hz.high for result in found]
     assert 0.8 <= np.mean(inside) <= 0.98
+
+
+@pytest.mark.parametrize(("left_over", "better"), [(20.0, False), (1.1, True), (0.9, True)])
+def test_a_plainer_course_is_taken_only_where_it_leaves_hardly_more(left_over: float, better: bool) -> None:
+    smooth: Any = SimpleNamespace(parameters=np.zeros(37), residual=np.zeros(800), left_over=1.0, effective=150.0)
+    pair: Any = SimpleNamespace(parameters=np.zeros(10), residual=np.zeros(800), left_over=left_over, effective=150.0)
+    assert clearly_better(smooth, pair, 20.0) == better

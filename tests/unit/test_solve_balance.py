@@ -38,12 +38,34 @@ def test_the_slope_is_the_derivative_of_what_is_left_over(parities: str) -> None
     assert np.asarray(slope) == pytest.approx(np.asarray(derived), rel=1e-9, abs=1e-9)
 
 
+def _generator(equations: Equations, slopes: np.ndarray) -> np.ndarray:
+    """Return A of the first-order form, (s, s), whose rows of the highest derivatives are given, (c, s)."""
+    out, own = np.zeros((size_of(equations),) * 2), 0
+    for coordinate, row in zip(equations.coordinates, slopes, strict=True):
+        if coordinate.order == 2:
+            out[own, own + 1] = 1.0
+        out[own + coordinate.order - 1] = row
+        for k, relaxation in enumerate(coordinate.relaxed, own + coordinate.order):
+            out[k, [own, k]] = 1.0 / relaxation, -1.0 / relaxation
+        own += coordinate.order + len(coordinate.relaxed)
+    return out
+
+
 def test_the_map_of_equations_that_do_not_change_is_their_exponential() -> None:
     local = np.random.default_rng(2).normal(0, 3.0, (3, 6))
-    generator = np.zeros((size_of(MIXED), size_of(MIXED)))
-    generator[0, 1] = generator[3, 4] = 1.0
-    generator[2, [0, 2]] = 10.0, -10.0
-    generator[[1, 4, 5]] = local
     turned = np.diag([-1.0, -1, -1, 1, 1, -1])
     found = half_map(jnp.asarray(np.repeat(local[:, :, None], 256, axis=2)), jnp.asarray(4.0), MIXED)
-    assert np.asarray(found) == pytest.approx(turned @ expm(generator * np.pi / 4.0), rel=1e-9, abs=1e-9)
+    expected = turned @ expm(_generator(MIXED, local) * np.pi / 4.0)
+    assert np.asarray(found) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_the_map_of_equations_that_change_is_that_of_their_means_one_after_another() -> None:
+    lagging = Coordinate("bristle", "all", 1, (0.2, 0.05))
+    equations = MIXED._replace(coordinates=(*(one._replace(parity="all") for one in MIXED.coordinates[:2]), lagging))
+    size, intervals = size_of(equations), 128
+    local = np.random.default_rng(3).normal(0, 3.0, (3, size, 3 * intervals))
+    expected = np.eye(size)
+    for mean in np.moveaxis(local.reshape(3, size, intervals, 3).mean(axis=3), 2, 0):
+        expected = expm(_generator(equations, mean) * 2 * np.pi / 4.0 / intervals) @ expected
+    found = half_map(jnp.asarray(local), jnp.asarray(4.0), equations)
+    assert np.asarray(found) == pytest.approx(expected, rel=1e-8, abs=1e-8 * np.abs(expected).max())

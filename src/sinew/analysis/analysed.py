@@ -21,7 +21,7 @@ from sinew.analysis.decay.ring_down import (
     ring_down_json,
     ring_downs_beside,
 )
-from sinew.analysis.doubts import doubts_of, doubts_of_constants, doubts_of_sweep
+from sinew.analysis.doubts import doubt_decays, doubt_samples, doubts_of
 from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
 from sinew.analysis.signal.attitude import tilting
 from sinew.analysis.signal.groups import split_by_drive
@@ -261,7 +261,7 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
         if "steady" in kinds:
             sweep, notes = _sweep(signals)
             parts.append(sweep)
-        doubts = doubts_of_sweep(sweep, signals)
+        doubts = doubt_samples(sweep, signals)
         if decays is not None:
             try:
                 parts.append(decays())
@@ -274,7 +274,7 @@ def analyse_recording(recording: xr.Dataset, rig: "RigSpec | None" = None) -> xr
         results = join_parts(parts)  # in here, for the other process ends meanwhile
         told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
         results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
-        doubts = sorted([*doubts, *doubts_of_constants(results, signals)], key=lambda doubt: -doubt.distance)
+        doubts = sorted([*doubts, *doubt_decays(results, signals)], key=lambda doubt: -doubt.distance)
         results.attrs["doubts"] = json.dumps([doubt.to_json() for doubt in doubts], ensure_ascii=False)
         return validate_results(results)
 

@@ -100,7 +100,7 @@ class Doubt:
         }
 
 
-def doubts_of_sweep(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
+def doubt_samples(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
     """Return what speaks against the samples of a recording, and against the sweep part of its results.
 
     sweep: that part, see `sinew.analysis.analysed.analyse_recording`; empty where there is none. signals: of the
@@ -110,21 +110,23 @@ def doubts_of_sweep(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
     rig, found = signals.rig, list(_frozen_channels(signals))
     expected = expectation(signals.attrs)
     if "gain" in sweep:
-        looked = _Sweep.of(sweep, signals)
-        found += _phase_doubts(looked)
-        found += _silent_doubts(looked, signals)
+        part = _Sweep.of(sweep, signals)
+        found += _phase_doubts(part)
+        found += _silent_doubts(part, signals)
         if rig is not None:
-            found += _lever_doubts(looked, rig, expected)
+            found += _lever_doubts(part, rig, expected)
         if expected is not None:
-            found += _curve_doubts(looked, expected)
+            found += _curve_doubts(part, expected)
     if rig is not None:
         found += _pretension_doubts(signals, rig)
     return found
 
 
-def doubts_of_constants(results: xr.Dataset, signals: Signals) -> list[Doubt]:
-    """Return what speaks against resonance, and frequency and damping of the decays; arguments as of
-    `doubts_of_sweep`, but all results."""
+def doubt_decays(results: xr.Dataset, signals: Signals) -> list[Doubt]:
+    """Return what speaks against the damping of the decays, and against the frequencies of decays and resonances.
+
+    results: all of them; signals: as for `doubt_samples`.
+    """
     expected, found = expectation(signals.attrs), list[Doubt]()
     if signals.rig is not None:
         found += _damping_doubts(results, signals.rig, expected)
@@ -188,11 +190,12 @@ def doubts_of(results: xr.Dataset) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """The sweep part of results: axes (p,), (f,), columns (p, f, r), and the commanded amplitude [rad], (p, f, r); the
-    groups that stand in it, as place and samples."""
+    """The sweep part of results: axes (p,), (f,), (r,), columns (p, f, r), and the commanded amplitude [rad],
+    (p, f, r); the groups that stand in it, as place and samples."""
 
     pretension_mm: Array
     frequency_hz: Array
+    repeat: NDArray[np.int64]
     columns: Mapping[str, Array]
     command: Array
     supply_v: Array
@@ -202,22 +205,24 @@ class _Sweep:
     def of(results: xr.Dataset, signals: Signals) -> "_Sweep":
         columns = {str(n): v.values for n, v in results.variables.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
         shape = columns["gain"].shape
-        pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
+        axes = results["pretension_mm"].values, results["frequency_hz"].values, results["repeat"].values - 1
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
         groups: list[tuple[tuple[int, int, int], slice]] = []
-        row, column = ({mark: k for k, mark in enumerate(axis.tolist())} for axis in (pretension, frequency))
+        row, column, layer = ({mark: k for k, mark in enumerate(axis.tolist())} for axis in axes)
         for segment, where in signals.of_kind("steady"):
             p, f = row.get(segment.pretension_mm), column.get(segment.frequency_hz)
-            if p is not None and f is not None and segment.repeat < shape[2]:
-                groups.append(((p, f, segment.repeat), where))
+            r = layer.get(segment.repeat)
+            if p is not None and f is not None and r is not None:
+                groups.append(((p, f, r), where))
                 command[groups[-1][0]] = math.radians(segment.amplitude_deg)
         if groups and "supply_v" in signals.recorded:
             volts = _means(signals.recorded["supply_v"], [where for _, where in groups])
             supply[tuple(np.transpose([at for at, _ in groups]))] = volts
-        return _Sweep(pretension, frequency, columns, command, supply, groups)
+        return _Sweep(*axes, columns, command, supply, groups)
 
     def place(self, index: tuple[int, ...]) -> Place:
-        return Place(float(self.pretension_mm[index[0]]), float(self.frequency_hz[index[1]]), int(index[2]))
+        p, f, r = index
+        return Place(float(self.pretension_mm[p]), float(self.frequency_hz[f]), int(self.repeat[r]))
 
     def at(self, expected: Mapping[str, Array], name: str, factor: float = 1.0) -> Array:
         """Return a foretold column at the sweep's frequencies times a factor, (p, f), NaN where it does not reach."""

@@ -124,7 +124,7 @@ def half_range(x: Array, equations: Equations, harmonics: int) -> HalfRange:
 #
 # The approximant is a sum over its poles, 1 + 2 Re Σ w/(A h - r). Of (A h - r) z = e a coordinate's lower derivatives
 # and lagging copies are known as soon as its highest one of first order is, so there is a system of only c rows to
-# solve; what is left over is a product of matrices.
+# solve; what is left over are sums of the channels, coordinate by coordinate.
 #
 # Where the equations are symmetric half a period is enough: with S the change of sign of the odd coordinates, the
 # half map S Φ(T/2) has the square roots of the multipliers as eigenvalues. One at +1 belongs to a fold, one at -1 to
@@ -376,7 +376,7 @@ def examine(
 
     points: scaled unknowns (k, m + 1). normals: across which they are refined, (k, m + 1), the curve's tangents.
     lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be. stability: whether the
-    maps are wanted, which take a fifth of the time; else they have no rows and columns. They are those of the motion
+    maps are wanted, which take a tenth of the time; else they have no rows and columns. They are those of the motion
     before its last correction, which is below `_SAME` where the refinement settles: they are hardly more exact.
     """
     place = embedded(equations, size.harmonics, fine.harmonics)

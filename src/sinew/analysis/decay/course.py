@@ -326,11 +326,12 @@ def clearly_better(plain: Course, rich: Course, by: float) -> bool:
         return False
     ratio = math.log(max(plain.left_over, 1e-300) / rich.left_over)
     price = by + 2.0 * (rich.parameters.size - plain.parameters.size)
-    # They are worth no more than their number, and one more than the parameters at least, see `degrees_of_freedom`:
+    # Samples are worth no more than their number, and one more than the parameters at least, see `degrees_of_freedom`:
     # most courses are told apart by these before their noise need be known.
     if rich.residual.size * max(ratio, 0.0) <= price:
         return False
-    return (rich.parameters.size + 1.0) * ratio > price or rich.effective * ratio > price
+    enough = (rich.parameters.size + 1.0) * max(ratio, 0.0) > max(price, 0.0)
+    return enough or rich.effective * ratio > price
 
 
 def close_modes(t: Array, x: Array, single: Course) -> Course | None:
