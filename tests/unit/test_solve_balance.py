@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, balance, size_of, unknowns
-from sinew.solve.examination import half_map
+from sinew.solve.examination import half_map, means_of
 from sinew.twin.cache import configure
 
 configure()
@@ -54,7 +54,7 @@ def _generator(equations: Equations, slopes: np.ndarray) -> np.ndarray:
 def test_the_map_of_equations_that_do_not_change_is_their_exponential() -> None:
     local = np.random.default_rng(2).normal(0, 3.0, (3, 6))
     turned = np.diag([-1.0, -1, -1, 1, 1, -1])
-    found = half_map(jnp.asarray(np.repeat(local[:, :, None], 256, axis=2)), jnp.asarray(4.0), MIXED)
+    found = half_map(means_of(jnp.asarray(np.repeat(local[:, :, None], 256, axis=2)), MIXED), jnp.asarray(4.0), MIXED)
     expected = turned @ expm(_generator(MIXED, local) * np.pi / 4.0)
     assert np.asarray(found) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
@@ -67,5 +67,5 @@ def test_the_map_of_equations_that_change_is_that_of_their_means_one_after_anoth
     expected = np.eye(size)
     for mean in np.moveaxis(local.reshape(3, size, intervals, 3).mean(axis=3), 2, 0):
         expected = expm(_generator(equations, mean) * 2 * np.pi / 4.0 / intervals) @ expected
-    found = half_map(jnp.asarray(local), jnp.asarray(4.0), equations)
+    found = half_map(means_of(jnp.asarray(local), equations), jnp.asarray(4.0), equations)
     assert np.asarray(found) == pytest.approx(expected, rel=1e-8, abs=1e-8 * np.abs(expected).max())

@@ -24,6 +24,7 @@ from sinew.solve.examination import (
     in_blocks,
     lag_product,
     largest_multiplier,
+    means_of,
     phasors,
     rows_of,
     solved,
@@ -65,7 +66,8 @@ def _block(y: jax.Array, lane: Lane, *, equations: Equations, size: Size, weaken
 
         left, slope, local = balance(x, lane_at(share), equations, size)
         by_share = jax.jacfwd(lambda s: balance(x, lane_at(s), equations, size).left)(share)
-        return left, jnp.concatenate([slope, by_share[:, None]], axis=1), half_map(local, x[-1] * lane.omega, equations)
+        mapped = half_map(means_of(local, equations), x[-1] * lane.omega, equations)
+        return left, jnp.concatenate([slope, by_share[:, None]], axis=1), mapped
 
     return jax.vmap(one)(y, lane)
 

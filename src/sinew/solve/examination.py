@@ -166,8 +166,8 @@ def _states(equations: Equations) -> list[tuple[int, int, int]]:
 def _systems(mean: jax.Array, own: list[jax.Array], constant: jax.Array) -> jax.Array:
     """Return systems [matrix, right sides] (c, c + s, n) of the mean slopes (c, s, n), one part of complex ones.
 
-    own: what the channels of each coordinate, which alone reach its columns, count in them, the matrix's first, (k,
-    1 + k). constant: what is added, (c, c + s).
+    own: of each coordinate the factors (k, 1 + k) with which its k channels enter its columns: that of the matrix, and
+    its k right sides. Other channels do not enter them. constant: what is added, (c, c + s).
     """
     left, right, begin = [], [], 0
     for shares in own:
@@ -202,23 +202,26 @@ def _signs(equations: Equations) -> NDArray[np.float64]:
     return np.concatenate(rows)
 
 
-def _means(local: jax.Array, equations: Equations) -> jax.Array:
-    """Return the means over the intervals of slopes at the samples, (c, k, n)."""
+def means_of(local: jax.Array, equations: Equations) -> jax.Array:
+    """Return the means over the intervals, (c, k, i), of the slopes of the rates by the channels at samples, (c, k, n).
+
+    There are `_INTERVALS` or more over half a period, each with a whole number of samples.
+    """
     samples = local.shape[2]
     wanted = _INTERVALS if is_symmetric(equations) else 2 * _INTERVALS
     together = max(d for d in range(1, samples + 1) if samples % d == 0 and samples // d >= min(wanted, samples))
     return jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0)
 
 
-def half_map(local: jax.Array, omega: jax.Array, equations: Equations) -> jax.Array:
+def half_map(mean: jax.Array, omega: jax.Array, equations: Equations) -> jax.Array:
     """Return the map (s, s) of disturbances over half a period, odd coordinates turned back; over a whole one where
     the equations are not symmetric.
 
-    local: slopes of the rates by the channels at the samples, (c, k, n), which stand in the order of the states: lower
-    derivatives and lagging copies, coordinate by coordinate; or their means, see `_means`. omega: Ω [rad/s].
+    mean: of `means_of`, whose channels stand in the order of the states: lower derivatives and lagging copies,
+    coordinate by coordinate. omega: Ω [rad/s].
     """
     symmetric, total, states = is_symmetric(equations), size_of(equations), _states(equations)
-    mean, count = _means(local, equations), len(states)
+    count = len(states)
     h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[2]
     units = np.concatenate([np.zeros((count, count)), np.eye(total)[[top for *_, top in states]]], axis=1)
     ahead, spread = jnp.eye(total), jnp.zeros(())
@@ -294,7 +297,7 @@ def pool() -> ThreadPoolExecutor:
 def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
         found = balance(x, lane, equations, size, often=True)
-        return found.left, found.slope, _means(found.local, equations)
+        return found.left, found.slope, means_of(found.local, equations)
 
     return jax.vmap(one)(x, lane)
 
@@ -302,14 +305,15 @@ def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> 
 @partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> jax.Array:
-        return half_map(balance(x, lane, equations, size).local, x[-1] * lane.omega, equations)
+        mean = means_of(balance(x, lane, equations, size).local, equations)
+        return half_map(mean, x[-1] * lane.omega, equations)
 
     return (jax.vmap(one)(x, lane),)
 
 
 @partial(jax.jit, static_argnames=("equations",), compiler_options=QUICK_COMPILE)
-def _maps_there(local: jax.Array, omega: jax.Array, *, equations: Equations) -> jax.Array:
-    return jax.vmap(lambda local, omega: half_map(local, omega, equations))(local, omega)
+def _maps_there(mean: jax.Array, omega: jax.Array, *, equations: Equations) -> jax.Array:
+    return jax.vmap(lambda mean, omega: half_map(mean, omega, equations))(mean, omega)
 
 
 def in_blocks(
@@ -361,10 +365,10 @@ def _corrected(
     """
 
     def compiled(given: tuple[Array, Array], lane: Lane, *, equations: Equations, size: Size) -> tuple[Array, ...]:
-        left, slope, local = _balances(given[0], lane, equations=equations, size=size)
+        left, slope, mean = _balances(given[0], lane, equations=equations, size=size)
         matrix = np.concatenate([np.asarray(slope), given[1][:, None, :]], axis=1)
         change = solved(matrix, np.concatenate([-np.asarray(left), np.zeros((len(left), 1))], axis=1))
-        return change, *([_maps_there(local, given[0][:, -1] * lane.omega, equations=equations)] if mapped else [])
+        return change, *([_maps_there(mean, given[0][:, -1] * lane.omega, equations=equations)] if mapped else [])
 
     return in_blocks(compiled, (x, normals), lane, equations, size)
 
