@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import curve_fit
 from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
 from sinew.analysis.decay.course import clearly_better
-from sinew.analysis.decay.free_decay import drive_stop, find_peaks, fit_envelope
+from sinew.analysis.decay.free_decay import drive_stop, find_peaks, fit_envelope, fit_envelopes
 from sinew.analysis.decay.ring_down import analyse_ring_down, paper_envelope, ring_down_json
 
 dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])
@@ -41,6 +42,30 @@ def test_peaks_that_scatter_in_time_give_the_papers_frequency_and_rate_the_devia
         scatter = np.std([getattr(one, name) for one in found])
         told = np.sqrt(np.mean([getattr(one, stated) ** 2 for one in found]))
         assert told == pytest.approx(scatter, rel=0.12)
+
+
+def test_rows_of_any_lengths_get_the_least_squares_fit_that_scipy_finds_for_each() -> None:
+    random = np.random.default_rng(1)
+    rows = []
+    for count, fall, noise in zip(
+        random.integers(3, 45, 60), random.uniform(-1, 8, 60), random.choice([1e-3, 0.05, 0.3], 60), strict=True
+    ):
+        time = np.cumsum(random.uniform(0.05, 0.2, count))
+        size = np.exp(-fall * (time - time[0]) / (time[-1] - time[0])) + noise * random.standard_normal(count)
+        rows.append((time, random.uniform(1e-3, 1e3) * np.abs(size)))
+    for found, (time, size) in zip(fit_envelopes(rows), rows, strict=True):
+        start = found.amplitude, 0.9 * found.decay_rate_per_s + 0.01
+        theirs, covariance = curve_fit(
+            lambda t, a, rate: a * np.exp(-rate * t), time - time[0], size, start, ftol=1e-14
+        )
+        assert (found.amplitude, found.decay_rate_per_s) == pytest.approx(theirs, rel=1e-5, abs=1e-6)
+        assert found.decay_rate_std_per_s == pytest.approx(np.sqrt(covariance[1, 1]), rel=1e-4)
+
+
+def test_two_peaks_have_a_rate_and_no_deviation() -> None:
+    found = fit_envelope(np.array([1.0, 3.0]), np.array([2.0, 0.5]))
+    assert found.decay_rate_per_s == pytest.approx(0.5 * np.log(4.0), rel=1e-12)
+    assert np.isnan([found.decay_rate_std_per_s, found.omega_std_rad_s]).all()
 
 
 def test_the_natural_frequency_is_the_undamped_one() -> None:

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -138,20 +139,19 @@ def _numbers(values: ArrayLike, name: str) -> ArrayLike:
 
 def segment_slices(recording: "xr.Dataset") -> list[slice]:
     """Return the sample slice of every segment, in order."""
-    ends = np.cumsum(recording["row_size"].values)
-    return [slice(int(end - size), int(end)) for end, size in zip(ends, recording["row_size"].values, strict=True)]
+    ends = np.cumsum(recording["row_size"].values).tolist()
+    return [slice(*edges) for edges in pairwise([0, *ends])]
 
 
 def iterate_segments(recording: "xr.Dataset", kind: SegmentKind | None = None) -> Iterator[tuple[int, Segment, slice]]:
     """Yield (index, segment, sample slice) of every segment, or of those of one kind."""
-    names = ["kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat"]
+    names = ["kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat"]  # in the order of Segment's fields
     if all(name in recording for name in SPATIAL_SEGMENTS):
         names += SPATIAL_SEGMENTS
-    columns = [recording[name].values.tolist() for name in names]
+    columns = [(recording[name].astype(int) if name == "repeat" else recording[name]).values.tolist() for name in names]
     for index, (where, row) in enumerate(zip(segment_slices(recording), zip(*columns, strict=True), strict=True)):
         if kind is None or row[0] == kind:
-            told = dict(zip(names, row, strict=True))
-            yield index, Segment(**told | {"repeat": int(told["repeat"])}), where
+            yield index, Segment(*row), where
 
 
 def read_registers(recording: "xr.Dataset") -> list[dict[str, Any]]:

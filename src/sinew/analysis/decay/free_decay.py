@@ -16,7 +16,6 @@ from sinew.analysis.decay.decay_fit import (
     printed_lehr_damping,
 )
 from sinew.analysis.signal.extremes import alternating_extremes, local_cubic, maxima
-from sinew.analysis.signal.nonlinear import Linearised, least_squares
 from sinew.measure.arrays import Array, Mask, robust_std
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
@@ -543,6 +542,7 @@ def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,
 _SMALLEST_PEAK = 0.02  # and this share of the largest
 _SPACING = (0.6, 1.6)  # of the spacings before; outside it a peak is missing, displaced or made by noise
+_MOST_STEPS, _STEADY_RATE = 50, 1e-9  # of the rate's search; five do. Its last step, over the whole row
 _DISPLACED = 0.25  # of a spacing: by less do two of them differ from their usual mean around a peak that is displaced
 
 
@@ -625,34 +625,65 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
 
     time_s, size: shape (h,), both-sided peaks about the rest position, all of one weight (nonlinear least squares).
     """
-    t = time_s - time_s[0]
-    span, scale = float(t[-1]), float(size[0])
-    weight = size**2 / float(size @ size)
-    centred = t / span - float(weight @ t) / span
-    slope = -float((weight * centred) @ np.log(size)) / float((weight * centred) @ centred)
+    return fit_envelopes([(time_s, size)], inertia_kg_m2)[0]
 
-    def exponential(p: Array) -> Linearised:
-        fading = np.exp(-p[1] * t / span)
-        return p[0] * fading, lambda: np.stack([fading, -p[0] * t / span * fading], axis=1)
 
-    found = least_squares(exponential, size / scale, np.array([1.0, slope]), ftol=1e-8, xtol=1e-8, most=200)
-    n = t.size
+def fit_envelopes(rows: list[tuple[Array, Array]], inertia_kg_m2: float | None = None) -> list[Envelope]:
+    """Return the paper's fit, see `fit_envelope`, through each of some rows of peaks, (times [s], sizes), at once.
+
+    The amplitude of least squares for a rate λ is A = Σ s e / Σ e², e = exp(-λt). What it leaves is least where the
+    mean times by the weights s e and e² are the same: Newton's method on their difference, from the logarithms' line.
+    """
+    known = np.arange(max(time.size for time, _ in rows)) < np.array([[time.size] for time, _ in rows])
+    t, s = np.zeros(known.shape), np.zeros(known.shape)  # in units of a row's span and of its first size
+    for at, one, (time, size) in zip(t, s, rows, strict=True):
+        at[: time.size], one[: size.size] = (time - time[0]) / (time[-1] - time[0]), size / size[0]
+    middle, spread = _moments(t, s**2)
+    rate = (
+        -np.sum(s**2 * (t - middle[:, None]) * np.log(np.where(known, s, 1.0)), axis=1) / np.sum(s**2, axis=1) / spread
+    )
+    for _ in range(_MOST_STEPS):
+        fading = np.exp(-rate[:, None] * t) * known
+        (by_size, own), (spread_by_size, spread) = _moments(t, np.stack([s * fading, fading**2]))
+        step = (own - by_size) / np.maximum(2.0 * spread - spread_by_size, 0.5 * spread)
+        rate = rate + np.clip(step, -1.0, 1.0)
+        if np.abs(step).max() < _STEADY_RATE:
+            break
+    fading = np.exp(-rate[:, None] * t) * known
+    power = np.sum(fading**2, axis=1)
+    amplitude = np.sum(s * fading, axis=1) / power
+    left = np.sum((s - amplitude[:, None] * fading) ** 2, axis=1)
+    rate_std = np.sqrt(left / np.maximum(known.sum(axis=1) - 2, 1) / (power * spread)) / amplitude
+    told = np.stack([amplitude, rate, rate_std], axis=1).tolist()
+    return [
+        _envelope(time, size, a, each, std, inertia_kg_m2)
+        for (time, size), (a, each, std) in zip(rows, told, strict=True)
+    ]
+
+
+def _moments(t: Array, weight: Array) -> tuple[Array, Array]:
+    """Return the means and variances of t by weights, both (..., h)."""
+    share = weight / weight.sum(axis=-1, keepdims=True)
+    mean = np.sum(share * t, axis=-1)
+    return mean, np.sum(share * t * t, axis=-1) - mean**2
+
+
+def _envelope(
+    time_s: Array, size: Array, amplitude: float, rate: float, rate_std: float, inertia_kg_m2: float | None
+) -> Envelope:
+    """Return the paper's numbers of one row of peaks by its fit in units of its span and of its first size."""
+    t, n = time_s - time_s[0], time_s.size
+    span, omega_std = float(t[-1]), math.nan
     if n > 2:
-        variance = float(found.deviation @ found.deviation) / (n - 2)
-        (one, both), (_, other) = (found.jacobian.T @ found.jacobian).tolist()
-        rate_std = math.sqrt(variance * one / max(one * other - both**2, 1e-300)) / span
         order = np.arange(n) - 0.5 * (n - 1)
-        step = float(order @ t) / float(order @ order)
-        scatter = float(np.sum((t - t.mean() - step * order) ** 2)) / (n - 2)
-        omega_std = np.sqrt(2.0 * scatter) / span * np.pi * (n - 1) / span
-    else:
-        rate_std = omega_std = float("nan")
+        scatter = float(np.sum((t - t.mean() - float(order @ t) / float(order @ order) * order) ** 2)) / (n - 2)
+        omega_std = math.sqrt(2.0 * scatter) / span * math.pi * (n - 1) / span
     return Envelope(
-        float(found.parameters[0]) * scale,
-        float(found.parameters[1]) / span,
-        rate_std,
-        float(np.pi * (n - 1) / span),
-        float(omega_std),
+        amplitude * float(size[0]),
+        rate / span,
+        rate_std / span if n > 2 else math.nan,
+        math.pi * (n - 1) / span,
+        omega_std,
         time_s,
         size,
         inertia_kg_m2,

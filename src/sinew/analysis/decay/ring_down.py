@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -29,10 +29,9 @@ from sinew.analysis.decay.free_decay import (
     Peaks,
     band_passed,
     block_means,
-    checked_record,
-    evenly,
     find_peaks,
     fit_envelope,
+    fit_envelopes,
     free_decay,
     large_peaks,
     noise_level,
@@ -367,6 +366,13 @@ def analyse_ring_down(
     Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
     """
     samples = read_samples(time_s, response, drive, unit)
+    return _analysed(samples, is_rate, unit, inertia_kg_m2, free_from_s)
+
+
+def _analysed(
+    samples: Samples, is_rate: bool, unit: str, inertia_kg_m2: float | None, free_from_s: float | None
+) -> RingDown:
+    """Return what samples of a free decay say; arguments and errors as of `analyse_ring_down`."""
     sought = _seek(samples, free_from_s)
     read = _read(samples, sought)
     strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
@@ -1007,17 +1013,9 @@ def _read_excerpt(inertia_kg_m2: float | None, of: _Excerpt) -> tuple[dict[str, 
     """Return the numbers of a ring-down by name, and what each of `DECAY_WINDOWS` says where the stop of the drive is
     known; or why it cannot be analysed."""
     try:
-        result = analyse_ring_down(
-            of.time_s,
-            of.response,
-            drive=of.drive,
-            is_rate=of.is_rate,
-            unit=of.unit,
-            inertia_kg_m2=inertia_kg_m2,
-            free_from_s=of.free_from_s,
-        )
-        stopped = of.free_from_s is not None
-        read = read_windows(of.time_s, of.response, result, of.period_s) if stopped else []
+        samples = read_samples(of.time_s, of.response, of.drive, of.unit)
+        result = _analysed(samples, of.is_rate, of.unit, inertia_kg_m2, of.free_from_s)
+        read = [] if of.free_from_s is None else _read_windows(samples, result, of.period_s)
     except RecordingError as error:
         return str(error)
     numbers = _numbers(result, float(of.time_s[0]))
@@ -1026,36 +1024,32 @@ def _read_excerpt(inertia_kg_m2: float | None, of: _Excerpt) -> tuple[dict[str, 
     return numbers, read
 
 
-def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, period_s: float) -> list[Envelope | None]:
+def _read_windows(samples: Samples, result: RingDown, period_s: float) -> list[Envelope | None]:
     """Return what the paper's method says of a planned ring-down from each of `DECAY_WINDOWS` on, None without peaks.
 
-    time_s, response: shape (n,), from the stop of the drive on, as `analyse_ring_down` took them; result: of it.
-    period_s: of the drive [s].
+    samples: from the stop of the drive on, of which result is. period_s: of the drive [s].
 
     The peaks are those of one record from the stop on, about the rest position that the result found behind its own
     start; a later start leaves the earlier peaks out and changes nothing else. At `DECAY_FROM_PERIODS` it is the
     result's own.
     """
-    t, x, _, _ = evenly(*checked_record(time_s, response, None))
+    t, x = samples.even_s, samples.even
     stop = float(t[0])
     is_rate = result.unit != result.peak_unit
     t, x = block_means(t, x, np.pi / result.fit.omega_rad_s)
     t, x = t[t <= result.fit.stop_s], x[t <= result.fit.stop_s]
     peaks = find_peaks(t, _angle(t, x, result.fit) if is_rate else x)
     margin = 0.05 * np.pi / result.fit.omega_rad_s
-    read: list[Envelope | None] = []
+    rows: dict[float, tuple[Array, Array]] = {}
     for start in DECAY_WINDOWS:
-        if start == DECAY_FROM_PERIODS:
-            read.append(result.paper)
-            continue
         late = peaks.between(stop + start * period_s - margin, float(t[-1]))
-        try:
-            times, heights = _heights(late, result.fit, is_rate)
-        except RecordingError:
-            read.append(None)
-            continue
-        read.append(fit_envelope(times, np.abs(heights)))
-    return read
+        if start != DECAY_FROM_PERIODS:
+            with suppress(RecordingError):
+                times, heights = _heights(late, result.fit, is_rate)
+                rows[start] = times, np.abs(heights)
+    read = dict(zip(rows, fit_envelopes(list(rows.values())), strict=True)) if rows else {}
+    read[DECAY_FROM_PERIODS] = result.paper
+    return [read.get(start) for start in DECAY_WINDOWS]
 
 
 def _numbers(result: RingDown, begins_s: float) -> dict[str, float]:

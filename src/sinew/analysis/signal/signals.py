@@ -1,8 +1,9 @@
 """Signals of a recording: channels, the sensors' delays, segments and motors, read once at the door and passed on."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -154,9 +155,9 @@ class Signals:
 
     time_s: stamps [s], (n,). segments: all, each with its samples. response: what tells the torsion, of a bent head
     with what the gyroscope under-reads made good. drive: as it was measured, an angle or not; None where it was not.
-    rig: whose sensors these were, None for perfect ones. budget: what they did to torsion and drive. recorded: every
-    variable over samples by its name in the schema. attrs: provenance. pose: of a head that bends or sways; None of
-    one that only turns.
+    rig: whose sensors these were, None for perfect ones. recorded: every variable over samples by its name in the
+    schema. attrs: provenance. pose: of a head that bends or sways; None of one that only turns. asked_budget: gives
+    `budget`.
     """
 
     time_s: Array
@@ -164,10 +165,18 @@ class Signals:
     response: Channel
     drive: Channel | None
     rig: "RigSpec | None"
-    budget: DelayBudget
     recorded: Mapping[str, NDArray[Any]]
     attrs: Mapping[Any, Any]
-    pose: RestPose | None = None
+    pose: RestPose | None
+    asked_budget: Callable[[], DelayBudget]
+
+    @property
+    def budget(self) -> DelayBudget:
+        """Return what the sensors did to torsion and drive; sought when it is first asked for.
+
+        Raises TimeError where no segment holds two samples.
+        """
+        return self.asked_budget()
 
     def moved_by(self, *excitations: Excitation) -> "Signals":
         """Return the same with the segments alone in which one of these moves the head."""
@@ -182,8 +191,7 @@ def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) 
     """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.
-    Raises RecordingError where nothing tells the torsion or the segments are in several poses, TimeError where no
-    segment holds two samples.
+    Raises RecordingError where nothing tells the torsion or the segments are in several poses.
     """
     if isinstance(recording, Signals):
         return recording
@@ -196,18 +204,21 @@ def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) 
         response_channel(recording),
         drive_channel(recording),
         rig,
-        delay_budget(recording, rig),
         {name: recording[name].values for name in SAMPLE_VARIABLES if name in recording},
         recording.attrs,
         pose,
+        cache(partial(delay_budget, recording, rig)),
     )
 
 
 def by_length(stretches: Sequence[slice]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield which stretches have one length, (s,), with the numbers of their samples, (s, n), the shortest first."""
+    """Yield which stretches have one length, (s,), with the numbers of their samples, (s, n), the longest first.
+
+    What is made of one length then finds room in the memory that the length before has left.
+    """
     starts = np.array([one.start for one in stretches], dtype=np.int64)
     sizes = np.array([one.stop for one in stretches], dtype=np.int64) - starts
-    for size in np.unique(sizes):
+    for size in np.unique(sizes)[::-1]:
         rows = np.flatnonzero(sizes == size)
         yield rows, starts[rows, None] + np.arange(size)
 
