@@ -85,13 +85,13 @@ def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
     sums = np.array([float(residual[: n - k] @ residual[k:]) for k in range(order + 1)])
     if n > _MANY * basis.shape[1]:  # the fit took a share of m/n
         return np.asarray(sums / (n - np.arange(order + 1.0)), dtype=float)
-    shifted = np.zeros((order + 1, *basis.shape))
+    shifted, half = np.empty((order + 1, *basis.shape)), 0.5 * basis
     shifted[0] = basis
     for k in range(1, order + 1):
-        shifted[k, :-k] += 0.5 * basis[k:]
-        shifted[k, k:] += 0.5 * basis[:-k]
-    inner, flat = basis.T @ shifted, shifted.reshape(order + 1, -1)
-    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * flat @ flat.T
+        shifted[k, :-k], shifted[k, -k:] = half[k:], 0.0
+        shifted[k, k:] += half[:-k]
+    flat, inner = shifted.reshape(order + 1, -1), (basis.T @ shifted).reshape(order + 1, -1)  # each of inner symmetric
+    lost = inner @ inner.T - 2.0 * flat @ flat.T
     expected = lost * np.where(np.arange(order + 1) == 0, 1.0, 2.0) + np.diag(n - np.arange(order + 1.0))
     return np.asarray(np.linalg.solve(expected, sums), dtype=float)
 
