@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import optimize
 
-from sinew.analysis.signal.nonlinear import Linearised, least_squares
+from sinew.analysis.signal.nonlinear import ENOUGH, Linearised, least_squares
 from sinew.measure.arrays import Array
 
 T = np.linspace(0.0, 4.0, 200)
@@ -19,7 +19,13 @@ def decay(p: Array) -> Linearised:
 
 def test_a_fit_is_that_of_scipy() -> None:
     theirs = optimize.least_squares(
-        lambda p: decay(p)[0] - DATA, START, lambda p: decay(p)[1](), method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9
+        lambda p: decay(p)[0] - DATA,
+        START,
+        lambda p: decay(p)[1](),
+        method="lm",
+        x_scale="jac",
+        ftol=ENOUGH,
+        xtol=ENOUGH,
     )
     ours = least_squares(decay, DATA, START)
     np.testing.assert_allclose(ours.parameters, theirs.x, rtol=1e-12)

@@ -35,7 +35,7 @@ def slow_noise(generator: np.random.Generator) -> np.ndarray:
 def test_noise_that_goes_together_is_told_from_few_samples_for_a_parameter_and_from_many(samples: int) -> None:
     shocks = np.random.default_rng(2).normal(size=samples)
     noise = lfilter([1.0], [1.0, -0.8], shocks)
-    column = np.ones((samples, 1))
+    column = np.full((samples, 1), samples**-0.5)
     coefficients, innovation = autoregression(noise - noise.mean(), column)
     assert coefficients[0] == pytest.approx(0.8, abs=3 * np.sqrt((1 - 0.8**2) / samples))
     assert innovation == pytest.approx(1.0, abs=3 * np.sqrt(2 / samples))

@@ -16,7 +16,15 @@ from sinew.analysis.decay.decay_fit import (
 )
 from sinew.analysis.decay.free_decay import block_means
 from sinew.analysis.decay.modes import Poles, split_poles
-from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, orthonormal, sandwich, unit_columns
+from sinew.analysis.signal.coloured_noise import (
+    Factors,
+    covariance_by,
+    factorised,
+    independent,
+    noise_spectrum,
+    orthonormal,
+    unit_columns,
+)
 from sinew.analysis.signal.nonlinear import least_squares
 from sinew.measure.arrays import Array, Complexes
 
@@ -74,7 +82,7 @@ class Course:
     @cached_property
     def spectrum(self) -> Array:
         """Return the power spectrum of the noise, see `noise_spectrum`, of the samples divided by scale."""
-        return noise_spectrum(self.residual / self.scale, unit_columns(self.jacobian)[0])
+        return noise_spectrum(self.residual / self.scale, orthonormal(unit_columns(self.jacobian)[0]))
 
     @cached_property
     def effective(self) -> float:
@@ -87,16 +95,20 @@ class Course:
         return max(independent(self.spectrum, self.residual.size) - self.parameters.size, 1.0)
 
     @cached_property
+    def _factors(self) -> Factors:
+        return factorised(self.jacobian)
+
+    @cached_property
     def covariance(self) -> Array:
         """Return that of the parameters, shape (m, m), for coloured noise."""
-        return sandwich(self.jacobian, self.residual / self.scale, spectrum=self.spectrum)[0]
+        return covariance_by(self._factors, self.spectrum)
 
     @cached_property
     def grown(self) -> Array:
         """Return the same where the noise grows with the amplitude as the residual does, else the covariance."""
         residual, size = self.residual / self.scale, np.abs(np.exp(self.model.exponent(self.parameters)))
         loudness = growing_noise(residual, size, self.effective)
-        return self.covariance if loudness is None else sandwich(self.jacobian, residual, loudness, self.spectrum)[0]
+        return self.covariance if loudness is None else covariance_by(self._factors, self.spectrum, loudness)
 
     def at(self, time_s: Array, mode: int = 0) -> Complexes:
         """Return S of a mode at times, shape (n,)."""
@@ -199,14 +211,13 @@ def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, start: 
     """
     y = x / plain.scale
     values, slope = model.linearise(start)
-    jacobian = unit_columns(slope())[0]
-    basis = orthonormal(jacobian)
+    basis = orthonormal(unit_columns(slope())[0])
     left = (y - values) - basis @ (basis.T @ (y - values))
     gain = math.log(max(plain.left_over, 1e-300) / max(float(left @ left) * plain.scale**2, 1e-300))
     enough = _PROMISED * (_BETTER + 2.0 * (model.width - plain.parameters.size))
     if y.size * gain < enough:
         return None
-    if y.size * gain < _PLAIN_GAIN * enough and independent(noise_spectrum(left, jacobian), y.size) * gain < enough:
+    if y.size * gain < _PLAIN_GAIN * enough and independent(noise_spectrum(left, basis), y.size) * gain < enough:
         return None
     rich = _solved(model, t, x, plain.scale, start)
     return rich if clearly_better(plain, rich, _BETTER) else None

@@ -223,7 +223,7 @@ def fit_decay(
     linear = [_COS, _SIN, _REST, _SLOPE] + [6] * relaxes
     p[linear] = np.linalg.lstsq(_jacobian(s, p, relaxes, bends)[:, linear], y, rcond=None)[0]
 
-    found = least_squares(lambda q: _linearise(s, q, relaxes, bends), y, p, xtol=1e-10)
+    found = least_squares(lambda q: _linearise(s, q, relaxes, bends), y, p)
     covariance, freedom = sandwich(found.jacobian, found.deviation)
     sizes = np.full(p.size, scale)
     sizes[[_RATE, _OMEGA]] = 1.0
@@ -356,7 +356,7 @@ def _settle(model: Model, start: Array, data: Array, coloured: bool) -> Likeliho
         values, slope = model(p)
         residual, slopes = data - values, slope()
         telling = coloured and float(residual.std()) > _PERFECT * float(np.ptp(data))
-        after = autoregression(residual, slopes)[0] if telling else np.zeros(0)
+        after = autoregression(residual, orthonormal(slopes))[0] if telling else np.zeros(0)
         moved = np.zeros(max(after.size, noise.size))
         moved[: after.size] += after
         moved[: noise.size] -= noise

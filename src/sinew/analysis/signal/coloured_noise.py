@@ -7,6 +7,8 @@ too small by the share of noise below the oscillation's frequency. The residuals
 few samples in which a decay is still large, and be too small for a short one.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -45,29 +47,31 @@ def solve_damped(design: Array, target: Array, damping: ArrayLike) -> Array:
     return np.asarray(np.linalg.solve(upper[:, :count, :count], upper[:, :count, count:])[:, :, 0] / lengths)
 
 
-def noise_spectrum(residual: Array, jacobian: Array) -> Array:
+def noise_spectrum(residual: Array, basis: Array) -> Array:
     """Return the power spectrum of the noise, shape (size/2 + 1,), on the grid of `rfft` with size >= 2 n samples.
 
-    residual: shape (n,), evenly sampled; jacobian: shape (n, m), of the fit that left these residuals. The spectrum's
-    mean over the whole circle of frequencies is the variance of one sample; white noise has it everywhere.
+    residual: shape (n,), evenly sampled; basis: shape (n, m), orthonormal, of the columns of the Jacobian of the fit
+    that left these residuals. The spectrum's mean over the whole circle of frequencies is the variance of one sample;
+    white noise has it everywhere.
 
     A fit takes from the residuals what of the noise looks like its parameters, mostly at low frequency. That bias is
     undone: the expected lagged sums of (1 - QQᵀ)·noise are linear in the noise's autocovariance, and are solved for it
     (Worsley et al., NeuroImage 15, 2002).
     """
-    size = 2 ** int(np.ceil(np.log2(2 * residual.size)))
-    coefficients, innovation = autoregression(residual, jacobian)
+    power = 2 ** int(np.ceil(np.log2(2 * residual.size)))
+    size = next((share * power // 8 for share in (5, 6) if share * power >= 16 * residual.size), power)
+    coefficients, innovation = autoregression(residual, basis)
     response = np.fft.rfft(np.concatenate([[1.0], -coefficients]), size)
     return np.asarray(innovation / np.abs(response) ** 2, dtype=float)
 
 
-def autoregression(residual: Array, jacobian: Array) -> tuple[Array, float]:
+def autoregression(residual: Array, basis: Array) -> tuple[Array, float]:
     """Return (a, variance of e) of the noise e_n + Σ a_k noise_{n-k} that the residuals tell, a of shape (order,).
 
     Arguments as in `noise_spectrum`; white noise, and what cannot be told from it, has order zero.
     """
     n = residual.size
-    lags = _unbiased_lags(residual, orthonormal(jacobian), min(_MAX_ORDER, n // 10))
+    lags = _unbiased_lags(residual, basis, min(_MAX_ORDER, n // 10))
     if not lags[0] > 0:
         return np.zeros(0), float(residual @ residual) / n
     return _best_order(lags, n)
@@ -77,7 +81,7 @@ def orthonormal(jacobian: Array) -> Array:
     """Return an orthonormal basis of the columns, shape (n, <= m); by the Gram matrix, faster than QR for tall ones."""
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     kept = values > 1e-13 * values[-1]
-    return np.asarray(jacobian @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=float)
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T @ jacobian.T, dtype=float).T  # columns in one piece
 
 
 def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
@@ -85,12 +89,13 @@ def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
     sums = np.array([float(residual[: n - k] @ residual[k:]) for k in range(order + 1)])
     if n > _MANY * basis.shape[1]:  # the fit took a share of m/n
         return np.asarray(sums / (n - np.arange(order + 1.0)), dtype=float)
-    shifted, half = np.empty((order + 1, *basis.shape)), 0.5 * basis
-    shifted[0] = basis
+    rows = basis.T
+    shifted, half = np.empty((order + 1, *rows.shape)), 0.5 * rows
+    shifted[0] = rows
     for k in range(1, order + 1):
-        shifted[k, :-k], shifted[k, -k:] = half[k:], 0.0
-        shifted[k, k:] += half[:-k]
-    flat, inner = shifted.reshape(order + 1, -1), (basis.T @ shifted).reshape(order + 1, -1)  # each of inner symmetric
+        shifted[k, :, :-k], shifted[k, :, -k:] = half[:, k:], 0.0
+        shifted[k, :, k:] += half[:, :-k]
+    flat, inner = shifted.reshape(order + 1, -1), (shifted @ basis).reshape(order + 1, -1)  # each of inner symmetric
     lost = inner @ inner.T - 2.0 * flat @ flat.T
     expected = lost * np.where(np.arange(order + 1) == 0, 1.0, 2.0) + np.diag(n - np.arange(order + 1.0))
     return np.asarray(np.linalg.solve(expected, sums), dtype=float)
@@ -127,33 +132,53 @@ def _circle(spectrum: Array) -> Array:
     return weight
 
 
-def sandwich(
-    jacobian: Array, residual: Array, loudness: Array | None = None, spectrum: Array | None = None
-) -> tuple[Array, float]:
+class Factors(NamedTuple):
+    """The pseudo-inverse of a Jacobian (n, m): the parameters of x (n,) are unscale * (inverse @ (rows @ x)).
+
+    rows: orthonormal, (k, n), k the rank. inverse: (m, k). unscale: (m,), one over the length of each column.
+    """
+
+    rows: Array
+    inverse: Array
+    unscale: Array
+
+
+def factorised(jacobian: Array) -> Factors:
+    """Return the factors of a Jacobian of shape (n, m), its columns brought to one length.
+
+    By singular values: JᵀJ would lose half of the digits, and with them a direction that the record hardly shows.
+    """
+    scaled, lengths = unit_columns(jacobian)
+    turned, singular, rows = np.linalg.svd(scaled.T, full_matrices=False)
+    kept = singular > 1e-14 * singular[0]
+    return Factors(rows[kept], turned[:, kept] / singular[kept], 1.0 / lengths)
+
+
+def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
     """Return (covariance, degrees of freedom) of parameters fitted by least squares under coloured noise.
 
     jacobian: shape (n, m), derivatives of the model at the solution; residual: shape (n,).
-    loudness: shape (n,), standard deviation of the noise at each sample over its root mean square; None for one size.
-    spectrum: of `noise_spectrum`, where it is known already.
-    No variance is smaller than that for white noise of the same size: a spectrum from few samples that happens to dip
-    at the oscillation's frequency is no reason for confidence.
     The degrees of freedom are those of the variance estimate, the independent samples less m, at least one.
     """
-    n, m = jacobian.shape
-    scaled, scale = unit_columns(jacobian)
-    spectrum = noise_spectrum(residual, scaled) if spectrum is None else spectrum
-    size, weight = 2 * (spectrum.size - 1), _circle(spectrum)
-    variance = float(weight @ spectrum)
-    if variance <= 0:
+    factors, (n, m) = factorised(jacobian), jacobian.shape
+    spectrum = noise_spectrum(residual, factors.rows.T)
+    if float(_circle(spectrum) @ spectrum) <= 0:
         return np.zeros((m, m)), float(max(n - m, 1))
-    # By singular values: JᵀJ would lose half of the digits, and with them a direction that the record hardly shows.
-    basis, singular, turned = np.linalg.svd(scaled, full_matrices=False)
-    kept = singular > 1e-14 * singular[0]
-    basis, inverse = basis[:, kept], turned[kept].T / singular[kept]
-    loud = basis if loudness is None else basis * loudness[:, None]
-    waves = np.fft.rfft(loud, size, axis=0)
-    middle = np.real((waves.conj().T * (weight * spectrum)) @ waves)
-    covariance = inverse @ middle @ inverse.T
-    white = variance * np.diag(inverse @ (loud.T @ loud) @ inverse.T)
-    larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) / scale
-    return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(independent(spectrum, n) - m, 1.0)
+    return covariance_by(factors, spectrum), max(independent(spectrum, n) - m, 1.0)
+
+
+def covariance_by(factors: Factors, spectrum: Array, loudness: Array | None = None) -> Array:
+    """Return the covariance of least squares under noise of a spectrum, shape (m, m), see `noise_spectrum`.
+
+    loudness: shape (n,), standard deviation of the noise at each sample over its root mean square; None for one size.
+    No variance is smaller than that for white noise of the same size: a spectrum from few samples that happens to dip
+    at the oscillation's frequency is no reason for confidence.
+    """
+    weight, inverse = _circle(spectrum) * spectrum, factors.inverse
+    loud = factors.rows if loudness is None else factors.rows * loudness
+    waves = np.fft.rfft(loud, 2 * (spectrum.size - 1)) * np.sqrt(weight)
+    parts = waves.view(float)
+    covariance = inverse @ (parts @ parts.T) @ inverse.T
+    white = float(weight.sum()) * np.diag(inverse @ (loud @ loud.T) @ inverse.T)
+    larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) * factors.unscale
+    return np.asarray(covariance * np.outer(larger, larger), dtype=float)
