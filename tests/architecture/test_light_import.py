@@ -48,7 +48,16 @@ def test_the_command_that_analyses_a_ring_down_loads_nothing_that_it_has_no_use_
     file = tmp_path / "swing.csv"
     swing = (f"{i / 100},{math.exp(-i / 100) * math.cos(i / 5)}\n" for i in range(400))
     file.write_text("t_s,angle_deg\n" + "".join(swing), encoding="utf-8")
-    heavy = {"dask.array", "jax", "scipy.interpolate", "scipy.signal", "scipy.stats", "sinew.plan.rig"}
+    heavy = {
+        "dask.array",
+        "jax",
+        "scipy.interpolate",
+        "scipy.optimize",
+        "scipy.signal",
+        "scipy.spatial",
+        "scipy.stats",
+        "sinew.plan.rig",
+    }
     code = f"import sys; from sinew.apps.cli import main; main(); print(sorted(sys.modules.keys() & {heavy}))"
     command = [sys.executable, "-c", code, "analyse", str(file), "--time", "t_s", "--response", "angle_deg"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.optimize import linprog
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -154,7 +154,7 @@ def _left_over(s: float, current: Array, duty: Array, supply: Array, count_a: fl
     rounded = 0.5 * (count_a + by_duty / FULL_DUTY_COUNTS)
     sides = np.vstack([np.column_stack([columns, -rounded]), np.column_stack([-columns, -rounded])])
     free = [(None, None), (None, None), (0.0, None)]
-    found = linprog([0.0, 0.0, 1.0], sides, np.concatenate([current, -current]), bounds=free)
+    found = scipy.optimize.linprog([0.0, 0.0, 1.0], sides, np.concatenate([current, -current]), bounds=free)
     return math.inf if found.x is None else float(found.x[2])
 
 

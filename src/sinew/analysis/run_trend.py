@@ -16,7 +16,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from scipy import optimize, special
+import scipy
+from scipy import special
 
 from sinew.analysis.run_index import COMMON, QUANTITIES
 from sinew.measure.arrays import Array
@@ -79,7 +80,7 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line:
     between = 0.0
     if fitted(0.0)[-1] > freedom:
         most = float(np.ptp(values)) ** 2 * days.size + float(own.max())
-        between = float(optimize.brentq(lambda one: fitted(one)[-1] - freedom, 0.0, most, rtol=1e-6))
+        between = float(scipy.optimize.brentq(lambda one: fitted(one)[-1] - freedom, 0.0, most, rtol=1e-6))
     slope, middle, centre, weight, squares = fitted(between)
     scale = math.sqrt(max(1.0, squares / freedom))
     of_slope = scale / math.sqrt(float(weight @ (days - centre) ** 2))

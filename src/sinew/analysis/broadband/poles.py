@@ -5,8 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 
 from sinew.analysis.broadband.spectra import FrequencyResponse
 from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
@@ -155,7 +156,7 @@ def fit_poles(
         return _jacobian(p, points, modes)
 
     start = _relocated(points, modes)
-    found = optimize.least_squares(residual, start, jac=jacobian, method="lm", x_scale="jac", max_nfev=200)
+    found = scipy.optimize.least_squares(residual, start, jac=jacobian, method="lm", x_scale="jac", max_nfev=200)
     order = np.argsort(np.abs(found.x[0 : 2 * modes : 2]))
     parameters = _sorted(np.asarray(found.x), order)
     natural, damping = parameters[0 : 2 * modes : 2], parameters[1 : 2 * modes : 2]

@@ -23,7 +23,6 @@ import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, add_waves, fit_harmonics, harmonic_design, waveform
 from sinew.analysis.signal.signals import Channel, Signals, by_length, drive_chain, read_signals, torsion_chain
@@ -35,7 +34,7 @@ from sinew.measure.schema import Excitation
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
 
-_EARTH_TO_BASE = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_EARTH_TO_BASE = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 """The filter's earth has z upwards, the base has x."""
 
 _SHORTEST = 16
@@ -123,7 +122,7 @@ def tilting(signals: Signals, excitation: Excitation) -> Signals | None:
         return None
     stands = quaternion(0.0, signals.pose.bend, signals.pose.azimuth)
     gyro = np.asarray(signals.recorded["gyro_rad_s"], dtype=float)
-    rate = Rotation.from_quat(stands[0], scalar_first=True).apply(gyro)[:, _TILTS[excitation]]
+    rate = scipy.spatial.transform.Rotation.from_quat(stands[0], scalar_first=True).apply(gyro)[:, _TILTS[excitation]]
     return replace(decays, response=Channel(np.ascontiguousarray(rate), "rad/s", True), drive=None)
 
 
@@ -146,7 +145,8 @@ def _stretches(signals: Signals) -> list[tuple[int, int]]:
 
 
 def _filtered(gyro: Array, force: Array, step_s: float) -> Array:
-    from vqf import offlineVQF  # a recording of an upright head does without
+    from scipy.spatial.transform import Rotation
+    from vqf import offlineVQF  # a recording of an upright head does without both
 
     # The filter turns by the rate of a sample over the step before it, which alone would be half a step too early
     # (2.7° at 3 Hz and 200 samples a second): it gets the mean of the rate over that step, by the cubic through four
@@ -154,7 +154,7 @@ def _filtered(gyro: Array, force: Array, step_s: float) -> Array:
     far = np.pad(gyro, ((2, 1), (0, 0)), mode="edge")
     mean = (13.0 * (far[1:-2] + far[2:-1]) - far[:-3] - far[3:]) / 24.0
     found = offlineVQF(np.ascontiguousarray(mean), np.ascontiguousarray(force), None, step_s)
-    here = _EARTH_TO_BASE * Rotation.from_quat(np.asarray(found["quat6D"]), scalar_first=True)
+    here = Rotation.from_matrix(_EARTH_TO_BASE) * Rotation.from_quat(np.asarray(found["quat6D"]), scalar_first=True)
     return np.asarray(here.as_quat(scalar_first=True))
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 import xarray as xr
-from scipy.optimize import nnls
 
 from sinew.analysis.signal.coloured_noise import solve_damped
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
@@ -71,7 +70,7 @@ def fit_swing_trend(frequency_hz: Array, current_a: Array, torsion_rad: Array) -
     for _ in range(_ROUNDS):
         weight = 1.0 / without
         scale = np.linalg.norm(design * weight[:, None], axis=0)
-        terms = nnls(design * weight[:, None] / scale, wanted * weight)[0] / scale
+        terms = scipy.optimize.nnls(design * weight[:, None] / scale, wanted * weight)[0] / scale
         moved = wanted + terms[2] * f**2
         if (np.abs(moved - without) <= 1e-8 + 1e-9 * without).all():
             break
