@@ -1,6 +1,7 @@
 """Nonlinear least squares beside SciPy's own door to the same MINPACK."""
 
 import numpy as np
+import pytest
 from scipy import optimize
 
 from sinew.analysis.signal.nonlinear import ENOUGH, Linearised, least_squares
@@ -52,3 +53,18 @@ def test_a_place_where_the_model_is_not_finite_is_left() -> None:
 
     found = least_squares(root, np.full(5, 0.1), np.array([4.0]))
     np.testing.assert_allclose(found.parameters, 0.01, rtol=1e-6)
+
+
+def test_what_the_data_do_not_determine_stays_or_is_shared() -> None:
+    columns = np.stack([T, np.zeros(T.size), np.ones(T.size), np.ones(T.size)], axis=1)
+    found = least_squares(lambda p: (columns @ p, lambda: columns), 2.0 * T + 3.0, np.array([1.0, 7.0, 0.5, 0.0]))
+    assert found.converged
+    np.testing.assert_allclose(found.parameters[:2], [2.0, 7.0], rtol=1e-9)
+    assert found.parameters[2:].sum() == pytest.approx(3.0, rel=1e-9)
+    assert found.parameters[2:] == pytest.approx([1.75, 1.25], rel=0.01)  # round-off moves what is not determined
+
+
+def test_derivatives_whose_squares_are_no_numbers_end_the_search_where_it_is() -> None:
+    found = least_squares(lambda p: (p[0] * T, lambda: 1e200 * T[:, None]), T, np.array([3.0]))
+    assert not found.converged
+    assert found.parameters == 3.0

@@ -59,6 +59,8 @@ def least_squares(model: Model, data: Array, start: Array, *, most: int = 60) ->
                 gram, against = gram / lengths / lengths[:, None], against / lengths
                 gram.flat[:: p.size + 1] += _SINGULAR
                 straight = -np.linalg.solve(gram, against)
+            if not math.isfinite(straight.sum()):  # squares of the derivatives left the floating point
+                break
             if evaluation == 1:
                 trusted = _FARTHEST * (math.sqrt(float(np.sum((lengths * p) ** 2))) or 1.0)
             step, damping = _damped(gram, against, straight, trusted)
