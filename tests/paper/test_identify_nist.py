@@ -104,10 +104,10 @@ def test_the_search_says_that_it_converged(name: str, start: int) -> None:
     assert solution(name, start).converged
 
 
-# The search of the analyses ends at 1e-7 and begins near. From afar it finds what MINPACK finds at the same tolerance,
-# but for Bennett5 (MINPACK: after 747 evaluations) and BoxBOD, where it ends in a place that is flat.
+# The search of the analyses ends at 1e-7 and begins near. From afar it finds what MINPACK finds at the same tolerance
+# but for Bennett5, where that needs 747 evaluations; both end elsewhere from the first start of MGH17.
 NEAR_OR_FAR = [(name, start) for name in MODELS for start in (1, 2)]
-LOST = [("Bennett5", 1), ("BoxBOD", 1), ("MGH17", 1)]
+LOST = [("Bennett5", 1), ("MGH17", 1)]
 
 
 @pytest.mark.parametrize(("name", "start"), [one for one in NEAR_OR_FAR if one not in LOST])

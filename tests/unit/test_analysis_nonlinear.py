@@ -1,9 +1,10 @@
-"""Nonlinear least squares beside SciPy's own door to the same MINPACK."""
+"""Nonlinear least squares beside SciPy's MINPACK, and where a search begins badly."""
 
 import numpy as np
 import pytest
 from scipy import optimize
 
+from sinew.analysis.decay.decay_fit import fit_decay
 from sinew.analysis.signal.nonlinear import ENOUGH, Linearised, least_squares
 from sinew.measure.arrays import Array
 
@@ -68,3 +69,25 @@ def test_derivatives_whose_squares_are_no_numbers_end_the_search_where_it_is() -
     found = least_squares(lambda p: (p[0] * T, lambda: 1e200 * T[:, None]), T, np.array([3.0]))
     assert not found.converged
     assert found.parameters == 3.0
+
+
+@pytest.mark.parametrize("start", [[2.0, -18.0], [2.0, -30.0], [1e8, 2.0], [1e12, 2.0]])
+def test_columns_that_shrink_by_many_orders_on_the_way_do_not_stop_a_search(start: list[float]) -> None:
+    s = T / T[-1]
+    data = 2.0 * np.exp(-3.0 * s) + np.random.default_rng(0).normal(0.0, 0.01, T.size)
+
+    def fading(p: Array) -> Linearised:
+        wave = np.exp(-p[1] * s)
+        return p[0] * wave, lambda: np.stack([wave, -p[0] * s * wave], axis=1)
+
+    theirs = optimize.least_squares(lambda p: fading(p)[0] - data, [2.0, 3.0], method="lm").x
+    found = least_squares(fading, data, np.array(start))
+    assert found.converged
+    np.testing.assert_allclose(found.parameters, theirs, rtol=1e-5)
+
+
+def test_a_step_that_was_cut_short_does_not_end_a_search_in_a_flat_valley() -> None:
+    t = np.arange(0.0, 6.0, 0.005)
+    response = 0.3 * np.exp(-1.5 * t) * np.cos(20.0 * t + 0.2) + 1e-3 * np.random.default_rng(1).normal(size=t.size)
+    found = fit_decay(t, response, (-3.0, 20.2))  # as if it grew
+    assert (found.decay_rate_per_s, found.omega_rad_s) == pytest.approx((1.5, 20.0), rel=2e-3)

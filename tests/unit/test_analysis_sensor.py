@@ -10,10 +10,13 @@ from sinew.analysis.signal.signals import (
     DelayBudget,
     delay_budget,
     drive_chain,
+    read_signals,
     sample_rate,
     torsion_chain,
     torsion_delay,
 )
+from sinew.measure.errors import TimeError
+from sinew.measure.recording import Segment, build_recording
 
 FREQUENCY_HZ = np.array([1.5, 3.0, 4.3, 6.0, 12.0])
 
@@ -65,6 +68,14 @@ def test_the_budget_reads_the_rig() -> None:
 def test_the_sample_rate_survives_jitter() -> None:
     recording = sweep([Joint()], [2.0, 3.0, 4.0], sensing=Sensing(jitter_s=0.5e-3))
     assert sample_rate(recording) == pytest.approx(SAMPLE_HZ, rel=0.01)
+
+
+def test_without_two_samples_in_a_segment_there_is_no_delay_budget() -> None:
+    segments = [Segment("steady", 1.0, 1.0 + i, 10.0, 0) for i in range(9)]
+    samples = {"time_s": np.arange(9.0), "torsion_rad": np.sin(np.arange(9.0))}
+    signals = read_signals(build_recording(samples, segments, [1] * 9, {"source": "import"}))
+    with pytest.raises(TimeError, match="no segment holds two samples"):
+        _ = signals.budget
 
 
 @pytest.mark.parametrize("pieces", [[30_000], [12_001, 7, 9000], [1, 2, 3]])

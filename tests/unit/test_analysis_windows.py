@@ -36,12 +36,25 @@ def results() -> xr.Dataset:
     return analyse_recording(simulate(plan(), RIG, seed=3, effects=STEADY), RIG)
 
 
-def decay(rate: float = 1.2, omega: float = 20.0) -> xr.Dataset:
-    """Return a recording of a planned ring-down that is an exponential from its stop on, with noise."""
+def decay(
+    rate: float = 1.2,
+    omega: float = 20.0,
+    gap_s: tuple[float, float] = (9.0, 9.0),
+    limit: float = 9.0,
+    shift: float = 0.0,
+) -> xr.Dataset:
+    """Return a recording of a planned ring-down that is an exponential from its stop on, with noise.
+
+    gap_s: between which times after its stop samples are missing; limit: of the sensor, which wraps at half a turn;
+    shift: of its zero.
+    """
     t = np.arange(0.0, 7.0, 0.005)
     free = t >= 3.0
     response = np.where(free, np.exp(-rate * np.maximum(t - 3.0, 0.0)), 1.0) * np.cos(omega * (t - 3.0))
     response = response + 1e-4 * np.random.default_rng(5).standard_normal(t.size)
+    response = (np.clip(response, -limit, limit) + shift + np.pi) % (2 * np.pi) - np.pi
+    kept = ~((t > 3.0 + gap_s[0]) & (t < 3.0 + gap_s[1]))
+    t, free, response = t[kept], free[kept], response[kept]
     frequency = omega / (2 * np.pi)
     segments = [Segment(kind, p, frequency, 20.0, 0) for p in PRETENSION for kind in ("settle", "ring-down")]
     time = np.concatenate([t, t + 8.0])
@@ -56,6 +69,19 @@ def test_an_exponential_decay_has_the_same_d_from_every_start_on() -> None:
     table = decay_windows(found)
     assert windows_agree(table)
     assert "D says the same" in describe_windows(table)
+
+
+def test_a_sensor_that_wraps_changes_no_window() -> None:
+    wrapped, plain = (analyse_ring_downs(decay(shift=shift))["window_lehr_damping"].values for shift in (3.0, 0.0))
+    assert wrapped == pytest.approx(plain, rel=1e-9)
+
+
+@pytest.mark.parametrize("spoilt", [{"gap_s": (0.16, 0.2)}, {"limit": 0.65}])
+def test_a_window_is_read_across_no_missing_samples_but_those_of_the_fit(spoilt: dict[str, object]) -> None:
+    found = analyse_ring_downs(decay(**spoilt))["window_lehr_damping"].values
+    known = np.isfinite(found[0, 0])
+    assert known.tolist() == [start >= DECAY_FROM_PERIODS for start in DECAY_WINDOWS]
+    assert found[:, :, known] == pytest.approx(1.2 / 20.0, rel=0.01)
 
 
 def test_the_window_of_the_ring_downs_own_numbers_is_one_of_the_table(results: xr.Dataset) -> None:

@@ -139,7 +139,7 @@ def _numbers(values: ArrayLike, name: str) -> ArrayLike:
 
 def segment_slices(recording: "xr.Dataset") -> list[slice]:
     """Return the sample slice of every segment, in order."""
-    ends = np.cumsum(recording["row_size"].values).tolist()
+    ends = map(int, np.cumsum(recording["row_size"].values))
     return [slice(*edges) for edges in pairwise([0, *ends])]
 
 
@@ -148,7 +148,8 @@ def iterate_segments(recording: "xr.Dataset", kind: SegmentKind | None = None) -
     names = ["kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat"]  # in the order of Segment's fields
     if all(name in recording for name in SPATIAL_SEGMENTS):
         names += SPATIAL_SEGMENTS
-    columns = [(recording[name].astype(int) if name == "repeat" else recording[name]).values.tolist() for name in names]
+    columns = [recording[name].values.tolist() for name in names]
+    columns[names.index("repeat")] = list(map(int, columns[names.index("repeat")]))
     for index, (where, row) in enumerate(zip(segment_slices(recording), zip(*columns, strict=True), strict=True)):
         if kind is None or row[0] == kind:
             yield index, Segment(*row), where

@@ -629,11 +629,13 @@ def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None)
 
 
 def fit_envelopes(rows: list[tuple[Array, Array]], inertia_kg_m2: float | None = None) -> list[Envelope]:
-    """Return the paper's fit, see `fit_envelope`, through each of some rows of peaks, (times [s], sizes), at once.
+    """Return the paper's fit, see `fit_envelope`, through each of any number of rows of peaks, (times [s], sizes).
 
     The amplitude of least squares for a rate λ is A = Σ s e / Σ e², e = exp(-λt). What it leaves is least where the
     mean times by the weights s e and e² are the same: Newton's method on their difference, from the logarithms' line.
     """
+    if not rows:
+        return []
     known = np.arange(max(time.size for time, _ in rows)) < np.array([[time.size] for time, _ in rows])
     t, s = np.zeros(known.shape), np.zeros(known.shape)  # in units of a row's span and of its first size
     for at, one, (time, size) in zip(t, s, rows, strict=True):

@@ -1031,23 +1031,27 @@ def _read_windows(samples: Samples, result: RingDown, period_s: float) -> list[E
 
     The peaks are those of one record from the stop on, about the rest position that the result found behind its own
     start; a later start leaves the earlier peaks out and changes nothing else. At `DECAY_FROM_PERIODS` it is the
-    result's own.
+    result's own. Where samples are missing its fit stands in; before that begins none is read across them.
     """
-    t, x = samples.even_s, samples.even
-    stop = float(t[0])
-    is_rate = result.unit != result.peak_unit
-    t, x = block_means(t, x, np.pi / result.fit.omega_rad_s)
-    t, x = t[t <= result.fit.stop_s], x[t <= result.fit.stop_s]
-    peaks = find_peaks(t, _angle(t, x, result.fit) if is_rate else x)
-    margin = 0.05 * np.pi / result.fit.omega_rad_s
+    fit, t = result.fit, samples.even_s
+    stop, is_rate = float(t[0]), result.unit != result.peak_unit
+    lost = t[samples.missing & (t < fit.start_s)]
+    x = samples.even
+    if samples.missing.any():
+        x = np.where(samples.missing, fit.model(np.maximum(t, fit.start_s)), x)
+    t, x = block_means(t, x, np.pi / fit.omega_rad_s)
+    t, x = t[t <= fit.stop_s], x[t <= fit.stop_s]
+    peaks = find_peaks(t, _angle(t, x, fit) if is_rate else x)
+    margin = 0.05 * np.pi / fit.omega_rad_s
     rows: dict[float, tuple[Array, Array]] = {}
     for start in DECAY_WINDOWS:
-        late = peaks.between(stop + start * period_s - margin, float(t[-1]))
-        if start != DECAY_FROM_PERIODS:
-            with suppress(RecordingError):
-                times, heights = _heights(late, result.fit, is_rate)
-                rows[start] = times, np.abs(heights)
-    read = dict(zip(rows, fit_envelopes(list(rows.values())), strict=True)) if rows else {}
+        begin = stop + start * period_s - margin
+        if start == DECAY_FROM_PERIODS or (lost >= begin).any():
+            continue
+        with suppress(RecordingError):
+            times, heights = _heights(peaks.between(begin, float(t[-1])), fit, is_rate)
+            rows[start] = times, np.abs(heights)
+    read = dict(zip(rows, fit_envelopes(list(rows.values())), strict=True))
     read[DECAY_FROM_PERIODS] = result.paper
     return [read.get(start) for start in DECAY_WINDOWS]
 

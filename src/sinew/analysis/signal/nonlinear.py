@@ -14,15 +14,16 @@ Linearised = tuple[Array, Callable[[], Array]]
 Model = Callable[[Array], Linearised]
 
 ENOUGH = 1e-7
-"""Relative change of the sum of squares, and of the parameters, that ends a search: of the paper's ring-downs no number
-is then further than 0.001 of its standard deviation from where a search goes on to."""
+"""Relative change of the sum of squares, and of the parameters, that ends a search: no number of the paper's ring-downs
+moves by more than 0.001 of its standard deviation where a search goes on."""
+_ENOUGH_CUT = 1e-9  # the same after a step that was cut short, which along a flat valley says little
 
 _AMISS = 1e60  # in place of what is not finite: far from any data, and its square still a number
 _WORTH, _WELL, _BADLY = 1e-4, 0.75, 0.25  # shares of the promised fall: a step is taken; may be longer; must be shorter
 _FARTHEST = 100.0  # times the parameters: the first step
 _NEARLY = 0.1  # of the longest step allowed: so near to it is one that is to be as long
 _SINGULAR = 1e-14  # of a column's square: keeps steps finite along what the data do not determine
-_SHORTEST = 1e-100  # of a column: it is one of zeros
+_SHORTEST, _NOTHING = 1e-100, 1e-300  # length and square of a column of zeros
 
 
 class Solution(NamedTuple):
@@ -57,7 +58,7 @@ def least_squares(model: Model, data: Array, start: Array, *, most: int = 60) ->
                 gram, against = jacobian.T @ jacobian, jacobian.T @ off
                 lengths = np.maximum(lengths, np.sqrt(gram.diagonal()))
                 gram, against = gram / lengths / lengths[:, None], against / lengths
-                gram.flat[:: p.size + 1] += _SINGULAR
+                gram.flat[:: p.size + 1] += _SINGULAR * gram.diagonal() + _NOTHING
                 straight = -np.linalg.solve(gram, against)
             if not math.isfinite(straight.sum()):  # squares of the derivatives left the floating point
                 break
@@ -78,8 +79,10 @@ def least_squares(model: Model, data: Array, start: Array, *, most: int = 60) ->
                 trusted = shorter * min(trusted, 10.0 * size)
             elif damping == 0.0 or fall >= _WELL * promised:
                 trusted = 2.0 * size
-            is_near = max(abs(fall), promised) <= ENOUGH * square and fall <= 2.0 * promised
-            is_near = is_near or trusted**2 <= ENOUGH**2 * float(np.sum((lengths * p) ** 2))
+            enough = ENOUGH if damping == 0.0 else _ENOUGH_CUT
+            is_near = max(abs(fall), promised) <= enough * square and fall <= 2.0 * promised
+            shortest = enough * math.sqrt(float(np.sum((lengths * p) ** 2)))
+            is_near = is_near or (size if damping == 0.0 else trusted) <= shortest
             taken = fall > _WORTH * promised
             if taken:
                 p, off, square, slope = there, off_there, square_there, slope_there
@@ -96,11 +99,11 @@ def _damped(gram: Array, against: Array, straight: Array, trusted: float) -> tup
         return straight, 0.0
     values, vectors = np.linalg.eigh(gram)
     along, damping = vectors.T @ against, 0.0
-    values = np.maximum(values, _SINGULAR)
+    values = np.maximum(values, _NOTHING)
     for _ in range(30):
         parts = along / (values + damping)
         size = math.sqrt(float(parts @ parts))
-        if abs(size - trusted) <= _NEARLY * trusted:
+        if size <= (1.0 + _NEARLY) * trusted:
             break
         damping += (size / trusted - 1.0) * size**2 / float(np.sum(parts**2 / (values + damping)))
     return -(vectors @ parts), damping

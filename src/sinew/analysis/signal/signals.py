@@ -1,9 +1,9 @@
 """Signals of a recording: channels, the sensors' delays, segments and motors, read once at the door and passed on."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -52,9 +52,13 @@ def sample_rate(recording: xr.Dataset) -> float:
 
     Raises TimeError where no segment has two samples.
     """
-    steps = np.diff(recording["time_s"].values)
+    return _rate(recording["time_s"].values, recording["row_size"].values)
+
+
+def _rate(time_s: Array, row_size: NDArray[np.int64]) -> float:
+    steps = np.diff(time_s)
     inside = np.ones(steps.size, dtype=bool)
-    inside[np.cumsum(recording["row_size"].values)[:-1] - 1] = False
+    inside[np.cumsum(row_size)[:-1] - 1] = False
     if not inside.any():
         raise TimeError("no segment holds two samples, so there is no sample rate; record longer segments")
     return float(1.0 / np.median(steps[inside]))
@@ -65,8 +69,11 @@ def delay_budget(recording: xr.Dataset, rig: "RigSpec | None") -> DelayBudget:
 
     rig: whose IMU and bus recorded it; None, or a recording without gyroscope, gives a perfect sensor.
     """
-    rate = sample_rate(recording)
-    if rig is None or "gyro_rad_s" not in recording:
+    return _budget(sample_rate(recording), rig if "gyro_rad_s" in recording else None)
+
+
+def _budget(rate: float, rig: "RigSpec | None") -> DelayBudget:
+    if rig is None:
         return DelayBudget(rate)
     return DelayBudget(
         rate,
@@ -156,8 +163,8 @@ class Signals:
     time_s: stamps [s], (n,). segments: all, each with its samples. response: what tells the torsion, of a bent head
     with what the gyroscope under-reads made good. drive: as it was measured, an angle or not; None where it was not.
     rig: whose sensors these were, None for perfect ones. recorded: every variable over samples by its name in the
-    schema. attrs: provenance. pose: of a head that bends or sways; None of one that only turns. asked_budget: gives
-    `budget`.
+    schema. attrs: provenance. pose: of a head that bends or sways; None of one that only turns. row_size: samples
+    of every segment of the recording, of those too that `moved_by` leaves out.
     """
 
     time_s: Array
@@ -168,15 +175,15 @@ class Signals:
     recorded: Mapping[str, NDArray[Any]]
     attrs: Mapping[Any, Any]
     pose: RestPose | None
-    asked_budget: Callable[[], DelayBudget]
+    row_size: NDArray[np.int64]
 
-    @property
+    @cached_property
     def budget(self) -> DelayBudget:
         """Return what the sensors did to torsion and drive; sought when it is first asked for.
 
         Raises TimeError where no segment holds two samples.
         """
-        return self.asked_budget()
+        return _budget(_rate(self.time_s, self.row_size), self.rig if "gyro_rad_s" in self.recorded else None)
 
     def moved_by(self, *excitations: Excitation) -> "Signals":
         """Return the same with the segments alone in which one of these moves the head."""
@@ -207,7 +214,7 @@ def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) 
         {name: recording[name].values for name in SAMPLE_VARIABLES if name in recording},
         recording.attrs,
         pose,
-        cache(partial(delay_budget, recording, rig)),
+        recording["row_size"].values,
     )
 
 
