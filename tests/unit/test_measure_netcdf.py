@@ -1,5 +1,6 @@
 """NetCDF files: whole or not at all, checked on the way in and out."""
 
+import _thread
 import faulthandler
 import os
 import random
@@ -7,6 +8,8 @@ import signal
 import stat
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import netCDF4
@@ -16,6 +19,7 @@ import xarray as xr
 
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.files.netcdf import (
+    _out_of_reach,
     content_hash,
     is_netcdf,
     load_dataset,
@@ -238,6 +242,52 @@ def test_an_interrupt_at_any_time_ends_the_writing_and_the_reading(tmp_path: Pat
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 20
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_what_no_interrupt_reaches_has_ended_or_never_begins_when_the_interrupt_is_told(
+    begins: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    start = _thread.start_new_thread
+
+    def call() -> None:
+        told.append("begun")
+        time.sleep(0.1)
+        told.append("ended")
+
+    def interrupted(make: Callable[[], None], arguments: tuple[()]) -> None:
+        if begins:
+            start(make, arguments)
+            time.sleep(0.02)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_thread, "start_new_thread", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _out_of_reach(call, lambda: None)
+    assert told == ["begun", "ended"] * begins
+
+
+def test_an_interrupt_beside_what_it_does_not_reach_waits_for_its_end() -> None:
+    told: list[str] = []
+
+    def call() -> None:
+        time.sleep(0.1)
+        told.append("ended")
+
+    def meanwhile() -> None:
+        time.sleep(0.02)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _out_of_reach(call, meanwhile)
+    assert told == ["ended"]
+
+
+def test_what_a_call_out_of_reach_raises_is_raised() -> None:
+    with pytest.raises(ZeroDivisionError):
+        _out_of_reach(lambda: 1 / 0, lambda: None)
+    assert _out_of_reach(lambda: 1, lambda: 2) == (1, 2)
 
 
 def test_a_written_file_has_the_usual_permissions(saved: Path, tmp_path: Path) -> None:

@@ -1,16 +1,17 @@
 """NetCDF files of datasets, written and read whole or not at all."""
 
+import _thread
 import hashlib
 import math
 import platform
 import zlib
-from collections.abc import Collection, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -19,6 +20,9 @@ from sinew import __version__
 from sinew.measure.doors import as_path, most_bytes, write_atomically
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.schema import upgrade_results, validate_recording, validate_results
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 # A dataset says what it was made from: rig, plan, versions, seed and content hash.
 
@@ -88,10 +92,8 @@ def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
     def write(temporary: Path) -> None:
         import netCDF4
 
-        with ThreadPoolExecutor(1) as out_of_reach:  # of an interrupt, see `_read_whole`
-            written = out_of_reach.submit(dataset.to_netcdf, temporary, engine="netcdf4", encoding=encoding)
-            found = content_hash(dataset)  # while values are deflated
-            written.result()
+        write_it = partial(dataset.to_netcdf, temporary, engine="netcdf4", encoding=encoding)
+        _, found = _out_of_reach(write_it, partial(content_hash, dataset))  # hashed while it is deflated
         with netCDF4.Dataset(temporary, "a") as file:
             file.setncattr("content_hash", found)
 
@@ -193,8 +195,7 @@ def load_dataset(path: Path | str) -> xr.Dataset:
                 f"{path} unpacks to {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB in the memory that there "
                 "is; cut it, or read it on a computer with more"
             )
-        with ThreadPoolExecutor(1) as out_of_reach:
-            dataset = out_of_reach.submit(_read_whole, path).result()
+        dataset, _ = _out_of_reach(partial(_read_whole, path), lambda: None)
     for name in dataset.variables:
         dataset[name].encoding = {}
     dataset.encoding = {}
@@ -205,10 +206,47 @@ def load_dataset(path: Path | str) -> xr.Dataset:
 
 
 def _read_whole(path: Path) -> xr.Dataset:
-    """Return the dataset of a file, in a thread that no interrupt reaches: one that comes as xarray gives a lock back
-    leaves that taken, and to close the file then waits for it forever."""
     with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
         return opened.load()
+
+
+def _out_of_reach(call: Callable[[], T], meanwhile: Callable[[], R]) -> tuple[T, R]:
+    """Return what a call and what this thread does meanwhile give; the call is made in a thread, which no interrupt
+    reaches, and has ended, or never begins, when this returns or raises.
+
+    An interrupt that comes as xarray gives a lock back leaves that taken, and to close the file waits for it forever.
+    So does one that comes while a future is waited for, or a thread of `threading` to begin, whose locks are Python's;
+    and of two threads in HDF5, the first of them given up, files and the process break. Queues of C leave nothing.
+    """
+    leave: SimpleQueue[None] = SimpleQueue()
+    ended: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+    leave.put(None)  # to begin: the thread takes it, or who is interrupted takes it back
+
+    def make() -> None:
+        try:
+            leave.get_nowait()
+        except Empty:
+            return
+        made: tuple[Any, BaseException | None]
+        try:
+            made = call(), None
+        except BaseException as error:  # whoever waits raises it
+            made = None, error
+        ended.put(made)
+        ended.put(made)  # for who is interrupted as the first is taken
+
+    try:
+        _thread.start_new_thread(make, ())
+        beside = meanwhile()
+        found, error = ended.get()
+    finally:
+        try:
+            leave.get_nowait()
+        except Empty:
+            ended.get()
+    if error is not None:
+        raise error
+    return found, beside
 
 
 def load_part(path: Path | str, names: Collection[str]) -> xr.Dataset:
