@@ -26,7 +26,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.rod import NODES, SHEAR_FACTOR, Rod, grid, rod_energy, rod_poses
 from sinew.plan.toml import load_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 
 BODY_M, TIP_M = 0.305, 0.055

@@ -22,7 +22,7 @@ from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import blocks_of, search_block
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 COUNTS = (64, 512)
 NO_GPU = 3

@@ -20,7 +20,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.curves import predict
-from sinew.twin.cache import use_all_cores
+from sinew.solve.programs import use_all_cores
 
 BAND_HZ = (1.0, 6.0)
 PEAK_RAD, UPPER_FOLD_HZ, LOWER_FOLD_HZ = 0.793727, 3.818697, 3.521591

@@ -22,7 +22,7 @@ from scipy.linalg import lstsq
 from sinew.analysis.analysed import analyse_recording, recording_rig
 from sinew.measure.files.netcdf import load_recording, save_recording
 from sinew.plan.toml import load_plan, load_rig
-from sinew.twin.cache import use_all_cores
+from sinew.solve.programs import use_all_cores
 from sinew.twin.simulate import simulate
 
 

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from sinew.measure.arrays import Array
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 Indices = NDArray[np.intp]
 Energy = Callable[[jax.Array, jax.Array], jax.Array]

@@ -23,7 +23,7 @@ from sinew.measure.arrays import Array
 from sinew.mechanics.rod import SHEAR_FACTOR, Rod, rod_energy, rod_poses, straight
 from sinew.mechanics.silicone import compressive_load
 from sinew.plan.toml import load_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 
 EXACT_LOADS = {0.05: 0.01861, 0.10: 0.07572, 0.15: 0.17566, 0.20: 0.32732, 0.25: 0.54749, 0.296: 0.83658, 0.35: 1.33637}

@@ -28,7 +28,7 @@ from sinew.mechanics.space import Space, space_at_rest
 from sinew.solve import swing
 from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.solve.spatial import linear_equations, slow_down
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 SAMPLE_S = 0.005
 SECONDS = 1.0

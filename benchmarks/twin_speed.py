@@ -25,7 +25,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.modes import Asked
 from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.march import STEPS_PER_SAMPLE
-from sinew.twin.cache import use_all_cores
+from sinew.solve.programs import use_all_cores
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 SAMPLE_HZ = 200.0

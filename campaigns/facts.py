@@ -45,7 +45,7 @@ from sinew.predict.pose import Asked as AskedPose
 from sinew.predict.pose import slack_bend
 from sinew.solve.spatial import linear_equations, modes, settle
 from sinew.solve.swing import swing_steps
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import SpaceLanes, space_lanes, swing_lanes

@@ -68,7 +68,7 @@ def test_designs_are_worth_in_a_batch_what_they_are_worth_alone() -> None:
     from sinew.plan.toml import load_rig
     from sinew.predict.joints.design import shear_modulus_of
     from sinew.tune.candidate import DesignTarget, frame_of, judge
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     configure()
     rig = load_rig("paper")

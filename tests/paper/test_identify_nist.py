@@ -15,7 +15,7 @@ import pytest
 
 from sinew.analysis.signal.nonlinear import least_squares
 from sinew.identify.oscillator.least_squares import Problem, Solution, covariance, solve
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nist_strd"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the reference datasets are not beside this repository")

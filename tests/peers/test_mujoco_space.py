@@ -6,7 +6,7 @@ import pytest
 from benchmarks import mujoco_space
 from benchmarks.mujoco_space import Motion
 
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 configure()

@@ -10,7 +10,7 @@ from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.modes import Asked
 from sinew.predict.multibody import joint_bodies, write_mjcf
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.simulate import lane_parameters
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")

@@ -17,7 +17,7 @@ from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_
 from sinew.solve.branch import Branch
 from sinew.solve.continuation import Stride
 from sinew.solve.curves import Prediction, predict
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 ONE = Oscillator(12.74e-3, 3.0, 0.05, cubic=6.0, torque=0.45)

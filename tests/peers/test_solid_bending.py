@@ -14,7 +14,7 @@ from benchmarks.solid_bending import (
 )
 
 from sinew.mechanics.silicone import compressive_load
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 

@@ -11,7 +11,7 @@ from sinew.mechanics.joint import State, dissipation, mechanical_energy, rate, s
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.simulate import lane_parameters
 
 configure()

@@ -16,7 +16,7 @@ from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.solve.march import Track
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 

@@ -189,7 +189,7 @@ def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
 def test_the_derivatives_of_a_track_are_its_differences(model: str) -> None:
     from sinew.identify.oscillator.model import get_model
     from sinew.identify.oscillator.record import Scales, grid_of
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     configure()
     law = get_model(model).law

@@ -6,7 +6,7 @@ import pytest
 from sinew.identify.oscillator.model import get_model
 from sinew.identify.oscillator.record import Record, Scales, grid_of, make_record
 from sinew.identify.oscillator.track import LINEAR, LOCAL, PLACE, traced_slopes, traced_track, track, track_slopes
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 OMEGA = 9.0
 SIZES = {"stiffness": 1.1, "damping": 0.2, "gain": 0.4, "start": 0.3, "start_rate": -0.2, "offset": 0.1, "drift": 0.05}

@@ -171,7 +171,7 @@ def test_a_spread_that_cannot_be_is_refused(options: dict[str, object], sentence
 def test_a_gpu_that_is_not_there_is_told_of_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     import jax
 
-    from sinew.twin.cache import _begun
+    from sinew.solve.programs import _begun
 
     monkeypatch.setenv(DEVICE, "gpu")
     monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
@@ -180,7 +180,7 @@ def test_a_gpu_that_is_not_there_is_told_of_with_what_to_do(monkeypatch: pytest.
 
 
 def test_a_process_that_began_on_the_cpu_does_not_go_on_on_another_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     configure()
     monkeypatch.setenv(DEVICE, "gpu")

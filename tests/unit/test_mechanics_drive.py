@@ -6,7 +6,7 @@ import pytest
 
 from sinew.mechanics.drive import SLIDING_SPEED, holding_stiffness
 from sinew.plan.toml import load_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import from_rig
 
 configure()

@@ -15,7 +15,7 @@ from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.solve.first import free_swing, held_at, swing_loss, swing_stiffness
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import from_rig
 
 configure()

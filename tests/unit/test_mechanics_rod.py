@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from sinew.mechanics.rod import grid, move_rod, rod_energy, rod_poses
 from sinew.plan.toml import load_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 
 configure()

@@ -20,7 +20,7 @@ from sinew.predict.against import Comparison, Reading, error_of, estimate_at, me
 from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.solve.balance import Size
 from sinew.solve.curves import predict
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import Effects
 
 configure()

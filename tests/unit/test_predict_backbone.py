@@ -18,7 +18,7 @@ from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_
 from sinew.solve.backbone import Backbone, follow_backbones
 from sinew.solve.branch import Branch
 from sinew.solve.curves import predict
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 INERTIA, NATURAL_HZ = 12.74e-3, 3.0

@@ -8,7 +8,7 @@ from sinew.predict.band import band_of, crest
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.branch import Branch, sweep
 from sinew.solve.curves import predict
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 INERTIA, NATURAL_HZ, DAMPING, TORQUE, CUBIC = 12.74e-3, 3.0, 0.05, 0.45, 6.0

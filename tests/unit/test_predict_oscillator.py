@@ -9,7 +9,7 @@ from sinew.predict.oscillator import Oscillator, expected_amplitude, oscillator_
 from sinew.solve.branch import Branch
 from sinew.solve.curves import predict
 from sinew.solve.examination import largest_multiplier, maps_of, rows_of
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 INERTIA, NATURAL_HZ, DAMPING = 12.74e-3, 3.0, 0.05

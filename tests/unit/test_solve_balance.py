@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, balance, size_of, unknowns
 from sinew.solve.examination import half_map, means_of
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 configure()
 LANE = Lane({"k": 40.0, "d": 0.3}, jnp.array([0.4, 0.02, 0.7]), jnp.asarray(5.0))

@@ -22,7 +22,7 @@ from sinew.solve.spatial import (
     steer,
     straight,
 )
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 from sinew.twin.simulate import rest_tension
 

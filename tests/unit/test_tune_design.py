@@ -15,7 +15,7 @@ from sinew.predict.joints.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import blocks_of, nondominated, search_block, spread_out
 from sinew.tune.pretension import Swing, find_resonances
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 RIG = load_rig("paper")
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

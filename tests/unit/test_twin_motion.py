@@ -17,7 +17,7 @@ from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.solve.march import Track
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 

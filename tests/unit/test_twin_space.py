@@ -26,7 +26,7 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.space import Motion, Pull, free_acceleration, space_at_rest, state_rate
 from sinew.plan.pose import STRAIGHT
 from sinew.solve.march import runge_kutta, runge_kutta_samples
-from sinew.twin.cache import configure, use_all_cores
+from sinew.solve.programs import configure, use_all_cores
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import space_lanes, swing_lanes

@@ -33,8 +33,8 @@ from sinew.mechanics.space import space_at_rest, tendon_spans
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, SERVOS
+from sinew.solve.programs import configure
 from sinew.solve.rest import set_pretension
-from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
 
 GEAR_HOLD = 0.1

@@ -41,7 +41,7 @@ from sinew.solve.branch import Branch, Mark
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.curves import predict as follow
 from sinew.solve.examination import largest_multiplier, maps_of, rows_of
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 Kind = Literal["torque", "base"]
 Progress = Callable[[float, float], None]

@@ -39,7 +39,7 @@ from sinew.measure.recording import Segment, cut_recording
 from sinew.measure.told import Table, Told
 from sinew.mechanics.laws import NUMBERS, TERMS, Viscous
 from sinew.plan.rig import RigSpec
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 if TYPE_CHECKING:
     from sinew.identify.oscillator.posterior import Posterior

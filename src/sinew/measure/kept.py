@@ -39,13 +39,16 @@ def recall(kind: str, key: str) -> Any:
     return None
 
 
-def keep(kind: str, key: str, found: Any) -> None:
-    """Write an answer down, and forget those of its kind that are oldest; a full disk costs a computation, no more."""
+def keep(kind: str, key: str, found: Any, most: int = _MOST) -> None:
+    """Write an answer down, and forget those of its kind that are oldest; a full disk costs a computation, no more.
+
+    found: as JSON holds it. most: of a kind that are kept.
+    """
     file = _file(kind, key)
     with suppress(OSError, FileError):
         write_text(file, json.dumps({"key": key, "found": found}))
         others = sorted(file.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
-        for old in others[:-_MOST]:
+        for old in others[:-most]:
             old.unlink()
 
 

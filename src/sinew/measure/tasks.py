@@ -50,7 +50,7 @@ CORES = "SINEW_CORES"
 """Environment: how many threads of its own a process keeps busy; see `cores`."""
 
 DEVICE = "SINEW_DEVICE"
-"""Environment: what JAX computes on, `cpu` or `gpu`; see `sinew.twin.cache.configure`."""
+"""Environment: what JAX computes on, `cpu` or `gpu`; see `sinew.solve.programs.configure`."""
 
 DEVICES = ("cpu", "gpu")
 
@@ -381,7 +381,7 @@ def _share_of(workers: int) -> AbstractContextManager[None]:
     """Set what processes that are begun now are to know of their share of the computer.
 
     A process is begun when a task is handed in, and has the environment of that moment. NPROC stays
-    `sinew.twin.cache`'s to say; BLAS has the threads of the share.
+    `sinew.solve.programs`'s to say; BLAS has the threads of the share.
     """
     share = str(max(1, cores() // workers))
     return _environment({CORES: share, _BLAS: share, "OMP_NUM_THREADS": share})

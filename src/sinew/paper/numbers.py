@@ -21,7 +21,7 @@ from sinew.measure.tasks import HERE, Spread, run_tasks
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import Track
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 _SAMPLE_HZ, _AMPLITUDE_DEG = 200.0, 20.0

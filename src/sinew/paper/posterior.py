@@ -20,7 +20,7 @@ from sinew.measure.errors import SpecError, how_to_install
 from sinew.paper.numbers import FREE, Scale, misfit, observe, rig_with, scale_of
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 from sinew.twin.simulate import lane_parameters
 
 # ---- sampler of a posterior whose model takes long: a surrogate proposes, the model itself accepts

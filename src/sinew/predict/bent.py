@@ -15,7 +15,6 @@ statics are exact; `cut` says how far the response is off from that of all coord
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -36,6 +35,7 @@ from sinew.plan.servo import PAPER_TENDON, SERVOS
 from sinew.predict.linear import StateSpace, pole_document
 from sinew.predict.modes import Asked, Finder, across_of, out_of_plane
 from sinew.predict.predicted import refuse_pretensions
+from sinew.solve.programs import program
 from sinew.solve.spatial import Linear, Rest, linear_equations, patterns
 
 INPUTS = ("lever_rad", "pitch_take_up_m", "roll_take_up_m", "common_take_up_m", "torque_n_m")
@@ -51,17 +51,14 @@ SHAPES = 8
 CHECKED_HZ = (0.3, 12.0)
 
 
-@cache
-def _reach() -> Any:
-    """Return the compiled slope of the plate's place along x by the coordinates, (18,)."""
+@program()
+def _reach(q: jax.Array, space: Space) -> jax.Array:
+    """Return the slope of the plate's place along x by the coordinates, (18,)."""
 
-    def of(q: jax.Array, space: Space) -> jax.Array:
-        def rise(flat: jax.Array) -> jax.Array:
-            return rod_poses(flat.reshape(q.shape), space.rod)[1][-1, 0]
+    def rise(flat: jax.Array) -> jax.Array:
+        return rod_poses(flat.reshape(q.shape), space.rod)[1][-1, 0]
 
-        return jnp.asarray(jax.grad(rise)(q.ravel()))
-
-    return jax.jit(of)
+    return jnp.asarray(jax.grad(rise)(q.ravel()))
 
 
 class _Seen(NamedTuple):
@@ -75,7 +72,7 @@ class _Seen(NamedTuple):
 
 def _seen(linear: Linear, space: Space, q: Array) -> _Seen:
     at = linear.around
-    outputs = np.vstack([at.by_torsion, at.by_tilt, np.asarray(_reach()(q, space))])
+    outputs = np.vstack([at.by_torsion, at.by_tilt, np.asarray(_reach(q, space))])
     common, pitch, roll = patterns(space)
     # Taking up shortens the cable between its ends: the slack length falls.
     pulled = [at.by_end @ pattern for pattern in (pitch, roll, common)]

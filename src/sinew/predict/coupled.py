@@ -47,6 +47,7 @@ from sinew.solve.continuation import Stride
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.curves import predict as predict_problem
 from sinew.solve.landmark import Search, interpolated_peak
+from sinew.solve.programs import program
 from sinew.solve.spatial import Linear, around, linear_equations
 from sinew.twin.parameters import Effects
 from sinew.twin.space import space_lanes
@@ -320,7 +321,7 @@ class Motions(NamedTuple):
     tension: Array
 
 
-@jax.jit
+@program()
 def _heads(q: jax.Array, space: Space) -> tuple[jax.Array, jax.Array]:
     """Return (rotation of the head (k, 3, 3), tension of the tendons (k, tendon) [N]) at coordinates (k, 6, term)."""
 

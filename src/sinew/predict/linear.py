@@ -17,7 +17,6 @@ Shortening moves the torsion only to second order (tendons lengthen either way),
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,6 +39,7 @@ from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.oscillator import Oscillator
 from sinew.solve.branch import Branch
+from sinew.solve.programs import program
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
@@ -184,12 +184,12 @@ class LinearJoint:
     notes: tuple[str, ...]
 
 
-@cache
-def _slopes() -> Any:
-    """Return the compiled derivatives of the rates at rest: by the states, by the command, by a torque on the head and
-    by the lever's acceleration."""
+@program()
+def _slopes(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
+    """Return the derivatives of the rates at rest: by the states, by the command, by a torque on the head and by the
+    lever's acceleration."""
 
-    def of(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
+    def one(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
         idle = p._replace(amplitude=jnp.zeros(()), omega=jnp.ones(()), stop_s=jnp.full((), jnp.inf))
         rest, unravel = jax.flatten_util.ravel_pytree(state_at_rest(shortening, idle))
         top = jnp.asarray(0.5 * jnp.pi)  # where a command A sin t is A
@@ -215,18 +215,18 @@ def _slopes() -> Any:
         inputs = [jax.jacfwd(column)(zero) for column in (by_command, by_torque, by_lever)]
         return jax.jacfwd(by_state)(rest), *inputs
 
-    return jax.jit(jax.vmap(of))
+    return jax.vmap(one)(shortening, p)
 
 
-@cache
-def _rest() -> Any:
-    def of(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
+@program()
+def _rest(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
+    def one(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
         zero = jnp.zeros(())
         stretch = tendon_stretch(zero, shortening, p)[0]
         spring = p.guides.stiffness(total_tension(zero, shortening, p))
         return tendon_tension(stretch, p), spring
 
-    return jax.jit(jax.vmap(of))
+    return jax.vmap(one)(shortening, p)
 
 
 def _torsional(a: Array, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
@@ -313,9 +313,9 @@ def linear_joints(
     if gear == "sliding":
         lanes = lanes._replace(drive_friction=np.zeros_like(shortening))  # type: ignore[arg-type]
     held = lanes._replace(prescribed=np.ones_like(shortening))  # type: ignore[arg-type]
-    free = [np.asarray(leaf) for leaf in _slopes()(shortening, lanes)]
-    told = [np.asarray(leaf) for leaf in _slopes()(shortening, held)]
-    tension, spring = (np.asarray(leaf) for leaf in _rest()(shortening, lanes))
+    free = [np.asarray(leaf) for leaf in _slopes(shortening, lanes)]
+    told = [np.asarray(leaf) for leaf in _slopes(shortening, held)]
+    tension, spring = (np.asarray(leaf) for leaf in _rest(shortening, lanes))
     own = float(rig.drive.friction.value)
     joints = []
     for i, group in enumerate(groups):

@@ -31,8 +31,8 @@ from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import draw_rigs, estimate_of_deviations
 from sinew.predict.predicted import refuse_pretensions
+from sinew.solve.programs import configure
 from sinew.solve.spatial import Linear, Mode, Rest, bend, hold, linear_equations, modes
-from sinew.twin.cache import configure
 from sinew.twin.parameters import space_from_rig
 
 SHARES = ("torsion", "in_plane", "across", "axial")

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
@@ -21,6 +20,7 @@ from sinew.plan.check import Finding
 from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing, swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.predict.joints.validity import STRAIN, largest_strain
+from sinew.solve.programs import configure, program
 from sinew.solve.spatial import (
     Rest,
     bend,
@@ -35,7 +35,6 @@ from sinew.solve.spatial import (
     set_across,
     steer,
 )
-from sinew.twin.cache import configure
 from sinew.twin.parameters import space_from_rig
 
 FURTHEST_DEG = 60.0
@@ -430,7 +429,7 @@ def _numbered(which: Mask) -> str:
 
 # What a bent rod looks like.
 
-_poses = jax.jit(rod_poses)
+_poses = program()(rod_poses)
 
 
 def shape_of(q: Array, space: Space) -> Shape:

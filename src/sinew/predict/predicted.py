@@ -38,7 +38,7 @@ from sinew.solve.examination import (
     rows_of,
 )
 from sinew.solve.landmark import FOLD, QUARTER, guesses
-from sinew.twin.cache import use_all_cores
+from sinew.solve.programs import use_all_cores
 from sinew.twin.parameters import Effects
 
 

@@ -22,6 +22,7 @@ from sinew.plan.pose import swing_of_bend
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.validity import STRAIN
 from sinew.predict.pose import surface_strain
+from sinew.solve.programs import configure
 from sinew.solve.spatial import (
     Around,
     Steered,
@@ -35,7 +36,6 @@ from sinew.solve.spatial import (
     softest_of,
     steer,
 )
-from sinew.twin.cache import configure
 from sinew.twin.parameters import space_from_rig
 
 VERDICTS = ("reached", "slack", "over tension", "over travel", "over strain", "buckles", "not found")

@@ -29,6 +29,7 @@ from sinew.solve.examination import (
     rows_of,
     solved,
 )
+from sinew.solve.programs import program
 
 # The balance is extended by two unknowns' worth of conditions: phase resonance, followed over the drive.
 #
@@ -56,7 +57,7 @@ class Corrected(NamedTuple):
     seen: Extended
 
 
-@partial(jax.jit, static_argnames=("equations", "size", "weakened"), compiler_options=QUICK_COMPILE)
+@program(static=("equations", "size", "weakened"), options=QUICK_COMPILE)
 def _block(y: jax.Array, lane: Lane, *, equations: Equations, size: Size, weakened: object) -> tuple[jax.Array, ...]:
     def one(y: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
         x, share = y[:-1], y[-1]

@@ -9,18 +9,22 @@ The whole curve is one compiled loop whose body is one step of Newton's method o
 pace. Lanes are the leading axis of all arrays.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from sinew.solve.balance import QUICK_COMPILE, Equations, Lane, Size, balance, solve
+from sinew.solve.programs import program
 
 POINTS = 512
 """Points that a curve can have."""
 
-RUNNING, OUTSIDE, LIMIT, STUCK, LOST = range(5)
+RUNNING = 0
+OUTSIDE = 1
+LIMIT = 2
+STUCK = 3
+LOST = 4
 """How a curve ended: still running; it left the window (as it should); at the limit of points; the smallest step did
 not converge; no first point was found."""
 
@@ -148,7 +152,7 @@ def _advanced(w: _Walk, lane: Lane, window: jax.Array, limit: jax.Array, s: tupl
     )
 
 
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
+@program(static=("equations", "size"), options=QUICK_COMPILE)
 def follow(
     start: jax.Array,
     lane: Lane,

@@ -6,7 +6,7 @@ left after it is what the finer waves cut off, which is less.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ from sinew.solve.balance import (
     size_of,
     slices,
 )
+from sinew.solve.programs import program
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #
@@ -293,7 +294,7 @@ def pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=cores(), thread_name_prefix="sinew-solve")
 
 
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
+@program(static=("equations", "size"), options=QUICK_COMPILE)
 def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
         found = balance(x, lane, equations, size, often=True)
@@ -302,7 +303,7 @@ def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> 
     return jax.vmap(one)(x, lane)
 
 
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
+@program(static=("equations", "size"), options=QUICK_COMPILE)
 def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> jax.Array:
         mean = means_of(balance(x, lane, equations, size).local, equations)
@@ -311,7 +312,7 @@ def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tupl
     return (jax.vmap(one)(x, lane),)
 
 
-@partial(jax.jit, static_argnames=("equations",), compiler_options=QUICK_COMPILE)
+@program(static=("equations",), options=QUICK_COMPILE)
 def _maps_there(mean: jax.Array, omega: jax.Array, *, equations: Equations) -> jax.Array:
     return jax.vmap(lambda mean, omega: half_map(mean, omega, equations))(mean, omega)
 

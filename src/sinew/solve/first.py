@@ -7,7 +7,6 @@ Harmonics above the first, and the head's axial inertia, are left out: balance w
 """
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +18,7 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import memory_stiffness, silicone_energy
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension, total_tension
 from sinew.plan.rig import LIMIT_RESERVE_N
+from sinew.solve.programs import program
 from sinew.solve.rest import axial_force, set_pretension, sink, sunk
 
 # Spring and loss in one piece that has slopes, for a search: few nodes, one step of sinking, and the guides under the
@@ -120,6 +120,7 @@ def _slope(function: Callable[..., jax.Array]) -> Callable[..., jax.Array]:
     return lambda x, *others: jax.jvp(lambda at: function(at, *others), (x,), (jnp.ones(()),))[1]
 
 
+@program()
 def _free_swing(
     p: Parameters, contact: jax.Array, pretension: jax.Array, mode: jax.Array, amplitude: jax.Array
 ) -> tuple[FreeSwing, SwingSprings]:
@@ -164,11 +165,6 @@ def _free_swing(
     return found, SwingSprings(spring, guide_spring, lost_guides / (jnp.pi * amplitude**2))
 
 
-@cache
-def _compiled() -> Any:
-    return jax.jit(_free_swing)
-
-
 def free_swing(p: Parameters, contact: Any, pretension_mm: float, mode: float, amplitude_rad: float) -> FreeSwing:
     """Return what the joint is like at a pretension [mm], motor mode and torsion amplitude [rad].
 
@@ -182,5 +178,5 @@ def swing_springs(
 ) -> tuple[FreeSwing, SwingSprings]:
     """Return the same with the springs that it is made of; arguments as `free_swing`."""
     given = (np.float64(pretension_mm * 1e-3), np.float64(mode), np.float64(amplitude_rad))
-    found: tuple[FreeSwing, SwingSprings] = _compiled()(p, contact, *given)
+    found: tuple[FreeSwing, SwingSprings] = _free_swing(p, contact, *given)
     return found

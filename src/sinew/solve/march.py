@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -18,6 +18,7 @@ from sinew.mechanics.drive import commanded_angle, duty
 from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import as_one_tendon, tendon_stretch
+from sinew.solve.programs import program
 
 S = TypeVar("S")
 K = TypeVar("K")
@@ -154,7 +155,7 @@ def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:
     return jnp.stack([*seen, *tendon_stretch(state.torsion, state.shortening, p)])
 
 
-@partial(jax.jit, static_argnames=("room", "steps"))
+@program(static=("room", "steps"))
 def _batch(
     p: Parameters, shortening: jax.Array, sample_s: jax.Array, samples: jax.Array, room: int, steps: int
 ) -> jax.Array:

@@ -4,7 +4,6 @@ One linear condition, row · x = goal, picks the point of a lane's curve: its fr
 With balance F(x, p) = 0 the derivatives follow from the implicit function theorem, [F_x; row] dx/dp = (-F_p, 0).
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -15,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from sinew.measure.arrays import Array, Mask
 from sinew.solve.balance import QUICK_COMPILE, Equations, Lane, Size, balance, slices, solve
 from sinew.solve.examination import in_blocks
+from sinew.solve.programs import program
 
 _TRIES, _LEAST_SHARE = 100, 1 / 64
 _FREQUENCY_SHARE = 0.2  # of the frequency: the longest step over it
@@ -50,7 +50,7 @@ def _weights(lane: Lane, equations: Equations, size: Size) -> jax.Array:
     return jnp.concatenate([jnp.full(p.stop - p.start, 1.0) / one for p, one in zip(parts, each, strict=True)])
 
 
-@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
+@program(static=("equations", "size"), options=QUICK_COMPILE)
 def _steady(
     given: tuple[jax.Array, jax.Array, jax.Array], lane: Lane, *, equations: Equations, size: Size
 ) -> tuple[jax.Array, ...]:

@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +26,7 @@ from sinew.predict.joint import joint_problem
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.predict.joints.validity import Check, Torso, check_joint, loads_of
+from sinew.solve.programs import configure, program
 from sinew.tune.candidate import (
     GUIDE,
     OBJECTIVES,
@@ -41,7 +41,6 @@ from sinew.tune.candidate import (
     unpacked,
 )
 from sinew.tune.pretension import Resonance, Swing, find_resonances, resonances_at, stresses_of
-from sinew.twin.cache import configure
 from sinew.twin.simulate import simulate
 
 # ---- a candidate as a rig that could be built, computed by harmonic balance, with a plan
@@ -290,38 +289,35 @@ def blocks_of(
     ]
 
 
-@cache
-def _search() -> Any:
-    """Return the compiled search of Adam from logits (n, 5) of places in the unit cube, by weights (n, 3), G and frame,
-    to sizes (n, 5), objectives, excess, pretension and lever of the candidates that it ends at."""
+@program()
+def _search(logits: jax.Array, weights: jax.Array, modulus: jax.Array, frame: Frame) -> tuple[jax.Array, ...]:
+    """Search by Adam from logits (n, 5) of places in the unit cube, by weights (n, 3), and return sizes (n, 5),
+    objectives, excess, pretension and lever of the candidates that it ends at. modulus: G [Pa]."""
 
-    def loss(logit: jax.Array, weights: jax.Array, share: jax.Array, modulus: jax.Array, frame: Frame) -> jax.Array:
+    def loss(logit: jax.Array, weights: jax.Array, share: jax.Array) -> jax.Array:
         judged = judge(jax.nn.sigmoid(logit), modulus, frame)
         over = jnp.clip(judged.excess + _INSIDE, 0.0, _ROOM)
         penalty = _PENALTY[0] * (_PENALTY[1] / _PENALTY[0]) ** share
         wall = _WALL * jnp.sum(logit**2)
         return weights @ jnp.log(judged.objectives) + penalty * jnp.sum(over + over**2) + wall
 
-    slope = jax.vmap(jax.grad(loss), in_axes=(0, 0, None, None, None))
+    slope = jax.vmap(jax.grad(loss), in_axes=(0, 0, None))
 
-    def search(logits: jax.Array, weights: jax.Array, modulus: jax.Array, frame: Frame) -> tuple[jax.Array, ...]:
-        def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            x, mean, square = state
-            share = i / (_STEPS - 1)
-            g = jnp.nan_to_num(slope(x, weights, share, modulus, frame))
-            g = g / jnp.maximum(1.0, jnp.linalg.norm(g, axis=1, keepdims=True))
-            mean, square = 0.9 * mean + 0.1 * g, 0.99 * square + 0.01 * g**2
-            hat, spread = mean / (1 - 0.9 ** (i + 1.0)), square / (1 - 0.99 ** (i + 1.0))
-            rate = _RATE * (_LAST_RATE / _RATE) ** share
-            return jnp.clip(x - rate * hat / (jnp.sqrt(spread) + 1e-8), -_EDGE, _EDGE), mean, square
+    def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        x, mean, square = state
+        share = i / (_STEPS - 1)
+        g = jnp.nan_to_num(slope(x, weights, share))
+        g = g / jnp.maximum(1.0, jnp.linalg.norm(g, axis=1, keepdims=True))
+        mean, square = 0.9 * mean + 0.1 * g, 0.99 * square + 0.01 * g**2
+        hat, spread = mean / (1 - 0.9 ** (i + 1.0)), square / (1 - 0.99 ** (i + 1.0))
+        rate = _RATE * (_LAST_RATE / _RATE) ** share
+        return jnp.clip(x - rate * hat / (jnp.sqrt(spread) + 1e-8), -_EDGE, _EDGE), mean, square
 
-        none = jnp.zeros_like(logits)
-        places = jax.nn.sigmoid(jax.lax.fori_loop(0, _STEPS, step, (logits, none, none))[0])
-        found = jax.vmap(judge, in_axes=(0, None, None))(places, modulus, frame)
-        sizes = jnp.stack(jax.vmap(unpacked, in_axes=(0, None))(places, frame), axis=1)
-        return sizes, found.objectives, found.excess, found.pretension, found.lever
-
-    return jax.jit(search)
+    none = jnp.zeros_like(logits)
+    places = jax.nn.sigmoid(jax.lax.fori_loop(0, _STEPS, step, (logits, none, none))[0])
+    found = jax.vmap(judge, in_axes=(0, None, None))(places, modulus, frame)
+    sizes = jnp.stack(jax.vmap(unpacked, in_axes=(0, None))(places, frame), axis=1)
+    return sizes, found.objectives, found.excess, found.pretension, found.lever
 
 
 def search_block(block: Block) -> Found:
@@ -332,7 +328,7 @@ def search_block(block: Block) -> Found:
     rng = np.random.default_rng([block.seed, block.number])
     place = rng.uniform(0.05, 0.95, (block.starts, len(SIZES)))
     weights = rng.dirichlet(np.ones(len(OBJECTIVES)), block.starts)
-    done = _search()(np.log(place / (1 - place)), weights, block.modulus, frame)
+    done = _search(np.log(place / (1 - place)), weights, block.modulus, frame)
     sizes, objectives, excess, pretension, lever = (np.asarray(leaf) for leaf in done)
     worst = np.nan_to_num(excess.max(axis=1), nan=np.inf)
     feasible = (worst <= _CLOSE) & np.isfinite(objectives).all(axis=1)

@@ -8,7 +8,6 @@ pretension. It holds what is not known of the calibrated parameters and nothing 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, fixed, number, shown_interval
 from sinew.measure.told import Table, Told
+from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import glassy_factor
 from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
@@ -34,9 +34,9 @@ from sinew.predict.predicted import sketch
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, predict
 from sinew.solve.examination import rows_of
+from sinew.solve.programs import configure, program
 from sinew.solve.rest import torsional_stiffness
 from sinew.tune.candidate import drive_load
-from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters
 
 # ---- resonance of a rig at a pretension: where the torsion lags behind the lever by 90°
@@ -87,14 +87,14 @@ class Resonance:
     tension: float
 
 
-@cache
-def _stiffness() -> Any:
-    def of(shortening: jax.Array, p: Any) -> tuple[jax.Array, jax.Array]:
+@program()
+def _stiffness(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
+    def one(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
         guides = p.guides.stiffness(total_tension(jnp.zeros(()), shortening, p))
         relaxed = torsional_stiffness(shortening, p)
         return relaxed, relaxed * glassy_factor(p) + guides
 
-    return jax.jit(jax.vmap(of))
+    return jax.vmap(one)(shortening, p)
 
 
 def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode = "position") -> tuple[float, float]:
@@ -104,7 +104,7 @@ def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode =
     """
     groups = [Group("steady", float(mm), 1.0, 1.0, 0, 1.0, 1.0) for mm in pretension_mm]
     p, shortening = lane_parameters(groups, rig, mode=mode)
-    soft, stiff = (np.asarray(leaf) for leaf in _stiffness()(shortening, p))
+    soft, stiff = (np.asarray(leaf) for leaf in _stiffness(shortening, p))
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     low, high = (np.sqrt(np.maximum(k, 1e-12) / inertia) / (2 * np.pi) for k in (soft, stiff))
     return _BELOW * float(low.min()), _ABOVE * float(high.max())

@@ -25,7 +25,7 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.linear import equivalent_of_rig
 from sinew.solve.backbone import follow_backbones
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 # The pretension moves while the resonance is tracked: not at all, on a ramp, or after a frequency.
 

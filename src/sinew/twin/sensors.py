@@ -1,7 +1,5 @@
 """Sensors: the true motion of a plan becomes what the registers and stamps of a bench would say."""
 
-from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +13,7 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import tendon_tension
 from sinew.plan.rig import Bus, Imu, RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB
+from sinew.solve.programs import program
 from sinew.twin.parameters import Effects
 
 
@@ -156,9 +155,9 @@ _OF_TENSION = ("stiffness", "held_tension", "mode")
 """Parameters that a tendon's tension depends on."""
 
 
-@cache
-def _tension() -> Callable[..., Any]:
-    return jax.jit(lambda stretch, held, p: tendon_tension(stretch, p._replace(**held)))
+@program()
+def _tension(stretch: jax.Array, held: dict[str, Any], p: Parameters) -> jax.Array:
+    return tendon_tension(stretch, p._replace(**held))
 
 
 def _tensions(stretch: Array, p: Parameters, group: NDArray[np.intp]) -> Array:
@@ -174,7 +173,7 @@ def _tensions(stretch: Array, p: Parameters, group: NDArray[np.intp]) -> Array:
         padded = np.pad(block, (0, _BLOCK - block.size), mode="edge")
         lengths = np.pad(stretch[begin : begin + _BLOCK], ((0, padded.size - block.size), (0, 0)), mode="edge")
         # tendons that are set one by one have their axis first, as what is elementwise over samples wants it
-        found = _tension()(lengths.T, {name: values[padded].T for name, values in held.items()}, one)
+        found = _tension(lengths.T, {name: values[padded].T for name, values in held.items()}, one)
         tension[begin : begin + block.size] = np.asarray(found).T[: block.size]
     return tension
 

@@ -1,9 +1,7 @@
 """A plan run on the twin, and the recording of it."""
 
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -20,8 +18,8 @@ from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.solve.march import Progress, Track, integrate, lanes_together
+from sinew.solve.programs import configure, program, use_all_cores
 from sinew.solve.rest import set_pretension
-from sinew.twin.cache import configure, use_all_cores
 from sinew.twin.parameters import Effects, from_rig
 from sinew.twin.sensors import Moved, read_sensors
 from sinew.twin.space import join_swings, space_lanes, swing_lanes
@@ -29,9 +27,11 @@ from sinew.twin.space import join_swings, space_lanes, swing_lanes
 Lanes = tuple[Parameters, NDArray[np.float64]]
 
 
-@cache
-def _set_pretension() -> Callable[..., Any]:
-    return jax.jit(jax.vmap(set_pretension, in_axes=(0, 0, None, None, None)))
+@program()
+def _set_pretension(
+    p: Parameters, pretension: jax.Array, contact: jax.Array, mode: jax.Array, reserve: jax.Array
+) -> tuple[Parameters, jax.Array]:
+    return jax.vmap(set_pretension, in_axes=(0, 0, None, None, None))(p, pretension, contact, mode, reserve)
 
 
 def lane_parameters(
@@ -81,7 +81,7 @@ def _pretensioned(p: Parameters, pretension: NDArray[np.float64], contact: float
     for start in range(0, lanes, size):
         index = np.minimum(np.arange(start, start + size), lanes - 1)
         block = jax.tree.map(lambda leaf, index=index: np.asarray(leaf)[index], p)
-        blocks.append(_set_pretension()(block, pretension[index], contact, mode, LIMIT_RESERVE_N))
+        blocks.append(_set_pretension(block, pretension[index], contact, mode, LIMIT_RESERVE_N))
     held, shortening = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:lanes], *blocks)
     return held, shortening
 

@@ -23,9 +23,9 @@ from sinew.plan.plan import Group, TendonMode
 from sinew.plan.pose import Pose
 from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
 from sinew.solve.march import Progress
+from sinew.solve.programs import configure
 from sinew.solve.spatial import Rest, bend, bend_by_tension, hold, linear_equations, patterns, settle, slow_down
 from sinew.solve.swing import Swing, swing
-from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.sensors import Moved
 

@@ -107,7 +107,7 @@ def _from_paper(
     from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
     from sinew.paper.posterior import paper_posterior, require_sampler
     from sinew.plan.toml import load_rig, save_rig
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     before = load_rig(rig)
     if posterior is not None:

@@ -472,7 +472,7 @@ def _oscillator(
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
     from sinew.predict.predicted import oscillator_backbones
     from sinew.solve.curves import predict as run
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     values: dict[str, float] = {}
     for part in text.split(","):

@@ -91,7 +91,7 @@ def _run_campaign(
     from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.predict.preview import preview_plan
-    from sinew.twin.cache import use_all_cores
+    from sinew.solve.programs import use_all_cores
     from sinew.twin.simulate import simulate
 
     use_all_cores()
@@ -389,7 +389,7 @@ def _answer_recording(
     rig_ = recording_rig(recording, rig)
     hand(_load, "sinew.paper.answers.questions")
     from sinew.paper.answers.questions import answer_questions
-    from sinew.twin.cache import use_all_cores
+    from sinew.solve.programs import use_all_cores
 
     use_all_cores()
     results = stored.stored_results(file.parent / "results.nc", recording, rig_)

@@ -30,7 +30,7 @@ def simulate(
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan
-    from sinew.twin.cache import use_all_cores
+    from sinew.solve.programs import use_all_cores
     from sinew.twin.parameters import Effects
     from sinew.twin.simulate import simulate as run
 

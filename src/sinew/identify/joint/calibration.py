@@ -21,7 +21,7 @@ from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import load_rig, parse_rig
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 # A calibrated rig is told how its parameters vary together, those that only follow among them.
 

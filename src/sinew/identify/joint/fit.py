@@ -22,7 +22,7 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.rig import RigSpec
 from sinew.solve.first import FreeSwing, free_swing
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 # The physical combinations of a joint fit get their values and intervals.
 

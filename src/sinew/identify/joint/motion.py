@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import jax
@@ -28,8 +28,8 @@ from sinew.mechanics.joint import State, axial_omega, derivative, head_forces, s
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import total_tension
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
+from sinew.solve.programs import configure, program
 from sinew.solve.rest import set_pretension
-from sinew.twin.cache import configure
 
 CHANNELS = ("gyro", "current")
 """What is simulated: the gyroscope's rate before its average over samples [rad/s]; a tendon motor's current [A]."""
@@ -126,12 +126,12 @@ def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Arr
     return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, kept))[1])
 
 
-@partial(jax.jit, static_argnames=("room",))
+@program(static=("room",))
 def _values(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Array, room: int) -> jax.Array:
     return _simulate(lanes, numbers, samples, steps, room)
 
 
-@partial(jax.jit, static_argnames=("room",))
+@program(static=("room",))
 def _values_and_slopes(
     lanes: _Lane, numbers: Numbers, directions: Numbers, samples: jax.Array, steps: jax.Array, room: int
 ) -> tuple[jax.Array, jax.Array]:

@@ -37,7 +37,7 @@ from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import HISTORIES, LossFactor, Pendulum, Term
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 Masks = Sequence[Mask]
 

@@ -30,7 +30,7 @@ from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import Law
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 # The logarithm of a fit's posterior density is computed, with its gradient, for JAX.
 #

@@ -12,7 +12,6 @@ drift or creep: offset + drift·t/T, or offset + drift·(1 - exp(-t/τ)).
 """
 
 import math
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.mechanics.laws import HISTORIES, NUMBERS, Law, Linear, Number, Viscous
+from sinew.solve.programs import program
 
 LOCAL: dict[str, Number] = {
     **NUMBERS,
@@ -180,7 +180,7 @@ def _measured(moving: jax.Array, p: Values, grid: Grid) -> jax.Array:
     return jnp.asarray(moving + p["gain"] * grid.carried + p["offset"] + p["drift"] * creep)
 
 
-@partial(jax.jit, static_argnames=("law", "order"))
+@program(static=("law", "order"))
 def traced_track(numbers: jax.Array, grid: Grid, law: Law, order: int) -> jax.Array:
     """Return the track as JAX sees it, for programs that are compiled themselves; see `track`. law: `Law.compiled`."""
     p, start = _begin(numbers, grid, law)
@@ -193,7 +193,7 @@ def traced_track(numbers: jax.Array, grid: Grid, law: Law, order: int) -> jax.Ar
     return _measured(jnp.concatenate([first[None], rest]), p, grid)
 
 
-@partial(jax.jit, static_argnames=("law", "order"))
+@program(static=("law", "order"))
 def traced_slopes(numbers: jax.Array, free: jax.Array, grid: Grid, law: Law, order: int) -> jax.Array:
     """Return the derivatives along the directions in `free`, shape (f, local).
 
@@ -370,13 +370,13 @@ def _march(matrix: Array, push: Array, begin: Array) -> Array:
     return np.concatenate([begin[:, :, None], whole], axis=2)
 
 
-@jax.jit
+@program()
 def _resting(numbers: jax.Array, grid: Grid) -> jax.Array:
     """Return what is measured of no motion: the base's, and the rest position."""
     p = {name: jnp.asarray(numbers)[i] for name, i in PLACE.items()}
     return _measured(jnp.zeros(jnp.asarray(grid.time).shape), p, grid)
 
 
-@jax.jit
+@program()
 def _resting_slopes(numbers: jax.Array, grid: Grid) -> jax.Array:
     return jnp.asarray(jax.jacfwd(_resting)(jnp.asarray(numbers), grid))

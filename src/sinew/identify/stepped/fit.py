@@ -32,7 +32,7 @@ from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import Cubic, LossFactor, Pendulum, Term
 from sinew.mechanics.silicone import relaxation_times
-from sinew.twin.cache import configure
+from sinew.solve.programs import configure
 
 # The points of one or several stepped sines, laid out for a search in normal form.
 

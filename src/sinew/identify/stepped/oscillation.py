@@ -22,8 +22,8 @@ from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders
 from sinew.solve.curves import Problem, Resolution, first_curves
 from sinew.solve.examination import evaluate, half_range, phasors
+from sinew.solve.programs import configure
 from sinew.solve.steady import at_frequency, steady
-from sinew.twin.cache import configure
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
 _FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12

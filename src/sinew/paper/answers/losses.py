@@ -36,6 +36,7 @@ from sinew.paper.summary import paper_damping
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import LANES, runge_kutta
+from sinew.solve.programs import program
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
@@ -77,7 +78,7 @@ def energy_shares(lanes: tuple[Parameters, NDArray[np.float64]], groups: list[Gr
     return np.concatenate(shares)[: len(groups)]
 
 
-@jax.jit
+@program()
 def _spent(p: Parameters, shortening: jax.Array, free_from: jax.Array, steps: jax.Array) -> jax.Array:
     def lane(own: Parameters, rest: jax.Array, begin: jax.Array) -> jax.Array:
         zero = jnp.zeros(())

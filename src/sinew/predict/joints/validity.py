@@ -20,6 +20,7 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.section import Section
 from sinew.solve.curves import Problem
+from sinew.solve.programs import program
 from sinew.solve.rest import sunk
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
@@ -108,7 +109,9 @@ def _tendon_tensions(torsion: Array, shortening: Array, p: Parameters) -> Array:
     return np.asarray(jnp.max(jnp.stack(each), axis=0))
 
 
-_sunk = jax.jit(jax.vmap(partial(sunk, steps=_STEPS)))
+@program()
+def _sunk(torsion: jax.Array, rest: jax.Array, p: Parameters) -> jax.Array:
+    return jax.vmap(partial(sunk, steps=_STEPS))(torsion, rest, p)
 
 
 # It is estimated how much the plates at its ends stiffen a silicone that is bonded to them.

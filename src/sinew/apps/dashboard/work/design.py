@@ -207,7 +207,7 @@ def _predicted(
     from sinew.predict.joints.validity import check_joint, loads_of
     from sinew.predict.predicted import sketch
     from sinew.solve.curves import predict
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     configure()
     problem = joint_problem(rig, [pretension_mm], amplitude_deg, band_hz)
@@ -290,7 +290,7 @@ def _predicted_for(plan: "Plan", rig: "RigSpec", draws: int) -> dict[str, Any]:
     from sinew.predict.band import bands_of, draw_rigs, spread_of
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.solve.curves import predict
-    from sinew.twin.cache import configure
+    from sinew.solve.programs import configure
 
     configure()
     pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
@@ -364,8 +364,8 @@ def suggest_pretension(
     and what else `sinew tune --json` says of one setting. Raises SpecError where a number cannot be meant.
     """
     from sinew.predict.band import draw_rigs
+    from sinew.solve.programs import configure
     from sinew.tune.pretension import Swing, sketched, tune_pretension
-    from sinew.twin.cache import configure
 
     if amplitude_deg is not None and yaw_deg is not None:
         raise SpecError("found an amplitude of the command and one of the torsion, expected one of them")
