@@ -166,8 +166,10 @@ def save_figures(
     """Write (stem, figure) of each, drawn one after the other, and return the paths in their order.
 
     hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
-        while this one draws the next, this one with the last.
+        while this one draws the next, this one with what has the most axes, which takes longest.
     Raises FileError where the folder cannot be written.
     """
-    later = [hand(save_figure, figure, folder, stem, formats) for stem, figure in figures]
-    return [path for paths in fetch_all(later) for path in paths]
+    drawn = [(len(figure.axes), hand(save_figure, figure, folder, stem, formats)) for stem, figure in figures]
+    order = sorted(range(len(drawn)), key=lambda i: drawn[i][0])
+    paths = dict(zip(order, fetch_all([drawn[i][1] for i in order]), strict=True))
+    return [path for i in range(len(drawn)) for path in paths[i]]

@@ -112,6 +112,7 @@ def _begun() -> str:
 
 _KIND, _MOST = "programs", 512
 
+_PLAIN = {np.ndarray, np.float64, np.int64}
 _making = RLock()
 """Held while a program is traced, which may call others."""
 
@@ -141,10 +142,11 @@ def program(
             given = dict(zip(names, args, strict=False)) | kwargs
             chosen = {name: given.pop(name) for name in static if name in given}
             leaves, tree = jax.tree.flatten(given)
-            if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-                return traced(*args, **kwargs)
-            leaves = [leaf if hasattr(leaf, "dtype") else np.asarray(leaf) for leaf in leaves]
-            key = (tree, *chosen.values(), *((leaf.shape, leaf.dtype) for leaf in leaves))
+            if not {type(leaf) for leaf in leaves} <= _PLAIN:
+                if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+                    return traced(*args, **kwargs)
+                leaves = [leaf if hasattr(leaf, "dtype") else np.asarray(leaf) for leaf in leaves]
+            key = (tree, *chosen.values(), *[(leaf.shape, leaf.dtype.char) for leaf in leaves])
             if key not in ready:
                 with _making:
                     if key not in ready:
@@ -166,6 +168,8 @@ def _kept(
 ) -> Callable[[Sequence[Any]], Any] | None:
     """Return the program for arguments of these shapes, from leaves to result; None where it cannot be kept."""
     configure()
+    if not function.__module__.startswith("sinew."):
+        return None
     kinds = [[list(leaf.shape), str(leaf.dtype)] for leaf in leaves]
     try:
         asked = hashlib.sha256(_bytes((chosen, jax.tree.unflatten(tree, range(len(leaves)))))).hexdigest()

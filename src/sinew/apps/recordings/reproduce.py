@@ -106,18 +106,17 @@ def _run_campaign(
         (out / name).unlink(missing_ok=True)
     save_recording(recording, out / "recording.nc")
     results = _analyse(recording, rig)
-    saved = hand(save_dataset, results, out / "results.nc")  # kept, whatever becomes of the rest
     try:
         with console.progress_bar("simulate above the paper's range, and with effects off"):
             further = next((results_of() for results_of in above), None)
             effects = shares()
-    finally:
-        saved()
-    files = {} if further is None else {"beyond.nc": further}
+    except BaseException:
+        save_dataset(results, out / "results.nc")  # kept, whatever becomes of the rest
+        raise
     if effects:
         console.write_json(effects, out / "effects.json")
         results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
-        files["results.nc"] = results
+    files = {"results.nc": results} | ({} if further is None else {"beyond.nc": further})
     written = [hand(save_dataset, dataset, out / name) for name, dataset in files.items()]
     simulated_s = sum(preview.duration_s for preview in previews)
     return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild), written

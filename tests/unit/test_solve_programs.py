@@ -1,0 +1,138 @@
+"""Programs that are kept: traced once, the same numbers, nothing of what is no longer so."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sinew.measure import kept
+from sinew.plan.toml import load_rig
+from sinew.solve import programs
+from sinew.solve.programs import configure, program
+from sinew.tune.pretension import _stiffness
+from sinew.twin.parameters import from_rig
+
+configure()
+P = from_rig(load_rig("paper"))
+GIVEN = (np.linspace(0.0, 2e-3, 5), jax.tree.map(lambda leaf: np.full(5, leaf), P))
+
+
+def anew() -> Callable[..., Any]:
+    """Return a program of the package as another process has it, which has not called it yet."""
+    return program()(_stiffness.__wrapped__)
+
+
+def asked() -> list[np.ndarray]:
+    return [np.asarray(leaf) for leaf in anew()(*GIVEN)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SINEW_CACHE", str(tmp_path))
+    return tmp_path / "programs"
+
+
+@pytest.fixture
+def traces(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the names of what is traced from now on."""
+    told: list[str] = []
+    trace = programs._traced
+
+    def counting(key: str, function: Callable[..., Any], *given: Any) -> Any:
+        told.append(function.__name__)
+        return trace(key, function, *given)
+
+    monkeypatch.setattr(programs, "_traced", counting)
+    return told
+
+
+def test_a_program_is_traced_once_and_gives_what_jax_gives(folder: Path, traces: list[str]) -> None:
+    plain = jax.jit(_stiffness.__wrapped__)(*GIVEN)
+    for _ in range(3):
+        np.testing.assert_array_equal(asked(), [np.asarray(leaf) for leaf in plain])
+    assert traces == ["_stiffness"]
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_other_shapes_and_another_source_are_another_program(
+    folder: Path, traces: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked()
+    shorter = jax.tree.map(lambda leaf: leaf[:3], GIVEN)
+    assert np.shape(anew()(*shorter)[0]) == (3,)
+    monkeypatch.setattr(kept, "_of_this_source", lambda: "of tomorrow")
+    asked()
+    assert len(traces) == 3
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_was_damaged_is_traced_anew_and_mended(folder: Path, traces: list[str], seed: int) -> None:
+    before = asked()
+    (file,) = folder.iterdir()
+    whole, rng = file.read_bytes(), random.Random(seed)
+    harm = {
+        "cut": whole[: rng.randrange(len(whole))],
+        "other": bytes(rng.randrange(256) for _ in range(400)),
+        "swapped": whole.replace(b'"found": ["', b'"found": ["AAAA' + b"B" * 4 * rng.randrange(1, 9)),
+        "none": b"null",
+    }
+    for said in harm.values():
+        file.write_bytes(said)
+        for _ in range(2):
+            np.testing.assert_array_equal(asked(), before)
+    assert len(traces) == 1 + len(harm)
+
+
+def test_where_nothing_can_be_kept_it_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    file.write_text("no folder")
+    monkeypatch.setenv("SINEW_CACHE", str(file))
+    np.testing.assert_array_equal(asked(), [np.asarray(leaf) for leaf in jax.jit(_stiffness.__wrapped__)(*GIVEN)])
+
+
+class Theirs:
+    pass
+
+
+def squared(x: jax.Array, law: object = None) -> jax.Array:
+    return x * x
+
+
+def test_no_program_of_other_people_is_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert program(static=("law",))(squared)(3.0) == 9.0
+    monkeypatch.setattr(squared, "__module__", "sinew.tune.pretension")  # as if it stood there
+    ours = program(static=("law",))(squared)
+    assert ours(3.0, Theirs()) == ours(3.0, law=Theirs) == 9.0
+    assert not folder.exists()
+    assert ours(3.0, "a law") == ours(3.0) == 9.0
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_a_program_within_another_is_part_of_it() -> None:
+    whole = jax.jit(lambda shortening: _stiffness(shortening, GIVEN[1])[0])(GIVEN[0])
+    np.testing.assert_allclose(whole, _stiffness(*GIVEN)[0], rtol=1e-12)
+    slope = jax.jacfwd(lambda shortening: _stiffness(shortening, GIVEN[1])[0])(jnp.asarray(GIVEN[0]))
+    step = 1e-7
+    ends = [np.asarray(_stiffness(GIVEN[0] + sign * step, GIVEN[1])[0]) for sign in (-1, 1)]
+    np.testing.assert_allclose(np.diag(slope), (ends[1] - ends[0]) / (2 * step), rtol=1e-5)
+
+
+def test_what_encloses_a_number_is_refused() -> None:
+    number = 3.0
+
+    def scaled(x: jax.Array) -> jax.Array:
+        return number * x
+
+    with pytest.raises(TypeError, match="encloses something"):
+        program()(scaled)
+
+
+def test_an_error_of_the_function_reaches_who_calls_it(folder: Path) -> None:
+    with pytest.raises(ValueError, match="inconsistent sizes"):
+        anew()(np.zeros(4), GIVEN[1])
+    assert not folder.exists()
