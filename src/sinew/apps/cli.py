@@ -147,11 +147,29 @@ def _sinew(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line (`sys.argv` by default, of a process of its own) and return its exit status."""
+    statuses: list[int] = []
     if arguments is None:
-        gc.set_threshold(300_000)  # modules make objects that stay; to look at them again and again takes a tenth
-        atexit.register(gc.freeze)  # and once more at the end, half a second where JAX is loaded
+        gc.set_threshold(1_000_000)  # modules make some 400 000 objects that stay; to look at them takes a tenth
+        atexit.register(_leave, statuses)  # what is registered first is called last
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a second one mostly waits for the first
         console.hide_dask()
+    statuses.append(_run(arguments))
+    return statuses[0]
+
+
+def _leave(statuses: Sequence[int]) -> None:
+    """End a process whose status is known and do not take its modules apart: up to half a second where JAX is loaded.
+
+    statuses: none after an error that no command expects, whose status is Python's to say.
+    """
+    gc.freeze()
+    for status in statuses:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         status = app(args=None if arguments is None else list(arguments), standalone_mode=False, prog_name="sinew")
         sys.stdout.flush()

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from sinew.plan.check import Finding, Preview, check_plan, drive_reach
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.predict import foreseen
-from sinew.predict.bent import INPUTS, driven, driven_findings
 from sinew.predict.foreseen import Foretold
-from sinew.predict.modes import Asked as AskedModes
-from sinew.predict.modes import Finder, out_of_plane
-from sinew.predict.pose import Asked, find_pose
-from sinew.solve.spatial import Rest, patterns
 from sinew.twin.simulate import foresee, rest_tension
+
+if TYPE_CHECKING:
+    from sinew.predict.modes import Finder
+    from sinew.solve.spatial import Rest
+
+# What knows of bends is loaded where a head bends or sways: an eighth of what `sinew reproduce` would load.
 
 # ---- what a plan with a bent or swaying head is expected to show, by the linear joint
 #
@@ -39,10 +40,12 @@ def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
 
     Nothing of a plan without a sweep, and nothing at a pretension without a stable pose.
     """
+    from sinew.predict.modes import Asked, Finder
+
     if plan.sweep is None:
         return ()
     bend_deg, azimuth_deg = plan.rest_pose.bend_and_azimuth_deg
-    finder = Finder(rig, AskedModes(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
+    finder = Finder(rig, Asked(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
     tendons_mm = plan.sweep.amplitude_mm
     asked = math.radians(plan.sweep.amplitude_deg) if tendons_mm is None else 1e-3 * tendons_mm
     rows = []
@@ -55,8 +58,12 @@ def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
     return tuple(rows)
 
 
-def _at(finder: Finder, rig: RigSpec, mm: float, bend_deg: float, hz: float, drive: str, asked: float) -> Foretold:
+def _at(finder: "Finder", rig: RigSpec, mm: float, bend_deg: float, hz: float, drive: str, asked: float) -> Foretold:
     """Return the row of one frequency; asked: amplitude of the lever's command [rad] or of the tendons [m]."""
+    from sinew.predict.bent import INPUTS, driven
+    from sinew.predict.modes import out_of_plane
+    from sinew.solve.spatial import patterns
+
     linear, space = finder.linear(mm, bend_deg)
     at, q = linear.around, finder.rest(mm, bend_deg)[1].q
     stiffness = float(space.rod.joint.stiffness)
@@ -164,13 +171,16 @@ def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, .
 
 def held_preview(
     plan: Plan, rig: RigSpec, slack: Literal["refuse", "warn"] = "refuse"
-) -> tuple[Preview, dict[float, Rest]]:
+) -> tuple[Preview, dict[float, "Rest"]]:
     """Return (check of a plan whose head bends or sways, what holds it at each pretension [mm] where it is found).
 
     Refused is a pose that is not reached or does not stay, and one with tensions, currents or take-ups beyond the rig's
     limits; so is, on a bench, one with a slack tendon: its motor could not tell where the cable is pulled again; and
     tendons that are to be driven as no motor of them follows, or until one is slack.
     """
+    from sinew.predict.bent import driven_findings
+    from sinew.predict.pose import Asked, find_pose
+
     rests: dict[float, Rest] = {}
     found: list[Finding] = []
     for mm in plan.pretension.pretension_mm:

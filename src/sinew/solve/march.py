@@ -230,8 +230,11 @@ def integrate(
 
     kept = in_batches(run, samples, lanes_together(len(samples)), sample_s, progress)
     single = len(Track._fields) - 1
-    every = [0] * len(p.guide_directions)
-    return [Track(*rows[:single], stretch=rows[single:][every]) for rows in kept]  # type: ignore[misc]
+    tendons = len(p.guide_directions)  # all do the same
+    return [
+        Track(*rows[:single], stretch=np.broadcast_to(rows[single], (tendons, rows.shape[1])))  # type: ignore[misc]
+        for rows in kept
+    ]
 
 
 def in_batches(

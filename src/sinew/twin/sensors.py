@@ -47,23 +47,39 @@ class Moved(NamedTuple):
         return np.concatenate([[0], np.cumsum(self.counts)[:-1]])
 
 
+_BLOCK = 1 << 15
+"""Samples that are read together: what they need stays in the processor's cache."""
+
+
 def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Generator) -> Array:
     """Return noise of a standard deviation, coloured by the sensor's own low-pass: Butterworth's, of second order.
 
     b and a are those of `scipy.signal.butter`, to rounding, and the recursion a y = b x is solved as the system that it
-    is, with two bands below its diagonal: SciPy's signal processing takes 0.4 s to load in every process.
+    is, with two bands below its diagonal, block after block: SciPy's signal processing takes 0.4 s to load in every
+    process, and a system of all samples more memory than the recording.
     """
-    white = rng.standard_normal(size)
     corner = imu.low_pass.value
     if corner >= 0.45 * sample_hz:
-        return std * white
+        return std * rng.standard_normal(size)
     turn = np.tan(np.pi * corner / sample_hz)  # of the bilinear transform
     a = np.array([1 + np.sqrt(2) * turn + turn**2, 2 * (turn**2 - 1), 1 - np.sqrt(2) * turn + turn**2])
     a, b = a / a[0], turn**2 / a[0] * np.array([1.0, 2.0, 1.0])
     behind = np.exp(-1j * np.pi * np.arange(512) / 512)
     gain = np.abs(np.polyval(b[::-1], behind) / np.polyval(a[::-1], behind))
-    passed, _ = dtbtrs(np.tile(a[:, None], size), np.convolve(white, b)[:size], uplo="L", diag="U")
-    return np.asarray(std / np.sqrt(np.mean(gain**2)) * passed)
+    room = min(size, _BLOCK)
+    bands = np.tile(a[:, None], room)
+    noise, white, last = np.empty(size), np.zeros(2 + room), np.zeros(2)
+    for begin in range(0, size, _BLOCK):
+        own = noise[begin : begin + room]
+        rng.standard_normal(out=white[2 : 2 + own.size])
+        asked = np.convolve(white, b, "valid")
+        asked[:2] -= a[2] * last[: asked.size]
+        asked[0] -= a[1] * last[1]
+        passed, _ = dtbtrs(bands, asked, uplo="L", diag="U")
+        own[:] = passed[: own.size]
+        white[:2], last = white[-2:], passed[-2:]
+    noise *= std / np.sqrt(np.mean(gain**2))
+    return noise
 
 
 def _moving_average(values: Array, starts: NDArray[np.intp], count: int) -> Array:
@@ -147,9 +163,6 @@ def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects
     jitter = bus.stamp_jitter.value * rng.standard_normal(index.size)
     return np.asarray(ideal + np.clip(jitter, -0.4 / sample_hz, 0.4 / sample_hz))
 
-
-_BLOCK = 1 << 15
-"""Samples that are read together: what they need stays in the processor's cache."""
 
 _OF_TENSION = ("stiffness", "held_tension", "mode")
 """Parameters that a tendon's tension depends on."""
