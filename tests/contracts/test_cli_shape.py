@@ -112,6 +112,32 @@ def test_a_reader_that_leaves_early_causes_no_traceback() -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(("words", "status"), [("--version", 0), ("check nothing", 2), ("check paper", 1)])
+def test_a_process_ends_with_its_status_and_all_that_others_registered(words: str, status: int) -> None:
+    code = f"""
+import atexit, sys
+import sinew.plan.toml
+from sinew.apps.cli import main
+if {status == 1}:
+    sinew.plan.toml.load_plan = None
+sys.argv = ["sinew", *"{words}".split()]
+try:
+    found = main()
+finally:
+    atexit.register(print, "put away")
+sys.exit(found)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert done.stdout.endswith("put away\n")
+    assert ("Traceback" in done.stderr) == (status == 1)
+
+
+def test_a_process_without_stdout_ends_as_any_other() -> None:
+    done = subprocess.run(["bash", "-c", f"{SINEW} --version >&-"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_fault_of_our_own_is_not_swallowed(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError

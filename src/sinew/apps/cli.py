@@ -11,6 +11,7 @@ import inspect
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pkgutil import resolve_name
 from typing import Annotated, Any, cast
 
@@ -164,15 +165,17 @@ def _leave(statuses: Sequence[int]) -> None:
     """
     gc.freeze()
     for status in statuses:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(AttributeError, OSError, ValueError):  # there is none, its reader has left, it is closed
+                stream.flush()
         os._exit(status)
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
         status = app(args=None if arguments is None else list(arguments), standalone_mode=False, prog_name="sinew")
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except SinewError as error:
         return _refuse(str(error), 2)
     except typer.TyperException as error:
