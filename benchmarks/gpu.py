@@ -20,9 +20,9 @@ from sinew.measure.tasks import DEVICE, DEVICES
 from sinew.paper.numbers import observe
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
+from sinew.solve.programs import configure
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import blocks_of, search_block
-from sinew.solve.programs import configure
 
 COUNTS = (64, 512)
 NO_GPU = 3

@@ -20,8 +20,8 @@ from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.rod import rod_poses, straight
 from sinew.mechanics.space import Space, weight_energy
 from sinew.plan.toml import load_rig
-from sinew.solve.spatial import linear_equations, modes, settle
 from sinew.solve.programs import configure
+from sinew.solve.spatial import linear_equations, modes, settle
 from sinew.twin.parameters import space_from_rig
 
 ACCELERATIONS = (1.0, STANDARD_GRAVITY)

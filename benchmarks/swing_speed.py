@@ -27,8 +27,8 @@ from sinew.mechanics.rod import straight
 from sinew.mechanics.space import Space, space_at_rest
 from sinew.solve import swing
 from sinew.solve.march import STEPS_PER_SAMPLE
-from sinew.solve.spatial import linear_equations, slow_down
 from sinew.solve.programs import configure
+from sinew.solve.spatial import linear_equations, slow_down
 
 SAMPLE_S = 0.005
 SECONDS = 1.0

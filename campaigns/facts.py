@@ -43,9 +43,9 @@ from sinew.predict.bent import SLOW_HZ, servo_speed, spinal_engine
 from sinew.predict.modes import Asked, Finder, PoseModes, out_of_plane
 from sinew.predict.pose import Asked as AskedPose
 from sinew.predict.pose import slack_bend
+from sinew.solve.programs import configure
 from sinew.solve.spatial import linear_equations, modes, settle
 from sinew.solve.swing import swing_steps
-from sinew.solve.programs import configure
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import SpaceLanes, space_lanes, swing_lanes

@@ -13,9 +13,9 @@ from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Law
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
+from sinew.solve.programs import configure
 from sinew.solve.spatial import Rest, bend, linear_equations, slow_down
 from sinew.solve.swing import Swing, swing
-from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 
 configure()

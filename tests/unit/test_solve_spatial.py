@@ -8,6 +8,7 @@ from sinew.mechanics.parameters import CURRENT, POSITION_LIMITED
 from sinew.mechanics.silicone import compressive_load
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.programs import configure
 from sinew.solve.spatial import (
     around,
     bend,
@@ -22,7 +23,6 @@ from sinew.solve.spatial import (
     steer,
     straight,
 )
-from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
 from sinew.twin.simulate import rest_tension
 

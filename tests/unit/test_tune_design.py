@@ -12,10 +12,10 @@ from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.section import annulus_section
+from sinew.solve.programs import configure
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import blocks_of, nondominated, search_block, spread_out
 from sinew.tune.pretension import Swing, find_resonances
-from sinew.solve.programs import configure
 
 RIG = load_rig("paper")
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

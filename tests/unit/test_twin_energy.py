@@ -22,8 +22,8 @@ from sinew.mechanics.tendons import (
 )
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.solve.rest import axial_force, rest_shortening, set_pretension, torsional_stiffness
 from sinew.solve.programs import configure
+from sinew.solve.rest import axial_force, rest_shortening, set_pretension, torsional_stiffness
 from sinew.twin.parameters import from_rig
 
 configure()
