@@ -24,6 +24,8 @@ from types import CodeType, FrameType
 
 import pytest
 
+import sinew
+
 _OUT, _BY = "SINEW_TOUCHED", "SINEW_TOUCHED_BY"
 _EVERY = "*"
 _SOURCE = f"{Path(__file__).resolve().parents[1] / 'src/sinew'}{os.sep}"
@@ -97,7 +99,11 @@ def _note(frame: FrameType, event: str, arg: object) -> None:
 
 
 def begin() -> None:
-    """Note from now on what this process calls."""
+    """Note from now on what this process calls.
+
+    It reads no program that another has traced, as if its source had changed meanwhile: it would call no function of it.
+    """
+    sinew._began_ns = 0
     atexit.register(sys.settrace, None)
     threading.settrace(_note)
     sys.settrace(_note)
@@ -133,6 +139,8 @@ class _Noting:
                 kept.cache_clear()
         if "jax" in sys.modules:
             sys.modules["jax"].clear_caches()
+        if programs := sys.modules.get("sinew.solve.programs"):
+            programs.forget()
         _seen.clear()
 
     def pytest_sessionfinish(self) -> None:

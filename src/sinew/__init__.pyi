@@ -70,3 +70,4 @@ from sinew.twin.parameters import Effects as Effects
 from sinew.twin.simulate import simulate as simulate
 
 __version__: str
+_began_ns: int

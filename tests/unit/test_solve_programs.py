@@ -1,6 +1,10 @@
 """Programs that are kept: traced once, the same numbers, nothing of what is no longer so."""
 
+import os
 import random
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import sinew
 from sinew.measure import kept
 from sinew.plan.toml import load_rig
 from sinew.solve import programs
@@ -24,6 +29,7 @@ GIVEN = (np.linspace(0.0, 2e-3, 5), jax.tree.map(lambda leaf: np.full(5, leaf), 
 
 def anew() -> Callable[..., Any]:
     """Return a program of the package as another process has it, which has not called it yet."""
+    programs.forget()
     return program()(_stiffness.__wrapped__)
 
 
@@ -75,7 +81,9 @@ def test_what_was_damaged_is_traced_anew_and_mended(folder: Path, traces: list[s
     before = asked()
     (file,) = folder.iterdir()
     whole, rng = file.read_bytes(), random.Random(seed)
+    at = rng.randrange(len(whole) // 4, 3 * len(whole) // 4)
     harm = {
+        "other letter": whole[:at] + (b"A" if whole[at : at + 1] != b"A" else b"B") + whole[at + 1 :],
         "cut": whole[: rng.randrange(len(whole))],
         "other": bytes(rng.randrange(256) for _ in range(400)),
         "swapped": whole.replace(b'"found": ["', b'"found": ["AAAA' + b"B" * 4 * rng.randrange(1, 9)),
@@ -86,6 +94,39 @@ def test_what_was_damaged_is_traced_anew_and_mended(folder: Path, traces: list[s
         for _ in range(2):
             np.testing.assert_array_equal(asked(), before)
     assert len(traces) == 1 + len(harm)
+
+
+SOURCE = """
+import sys, time
+from pathlib import Path
+import sinew
+from sinew.measure.kept import keep, key_of, recall
+when = sys.argv[1]
+file = Path(sinew.__file__).with_name("solve") / "rest.py"
+def change():
+    time.sleep(0.05)
+    file.write_bytes(file.read_bytes())
+if when == "before":
+    change()
+before = recall("things", key_of("asked"))
+if when == "after":
+    change()
+keep("things", key_of("asked"), 1 + (before or 0))
+print(before)
+"""
+
+
+def test_who_may_have_read_another_source_reads_and_keeps_nothing(tmp_path: Path) -> None:
+    shutil.copytree(Path(sinew.__file__).parent, tmp_path / "sinew", ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "SINEW_CACHE": str(tmp_path / "cache")}
+
+    def told(changed: str) -> str:
+        command = [sys.executable, "-c", SOURCE, changed]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+
+    assert [told("never"), told("never"), told("never")] == ["None", "1", "2"]
+    assert [told("before"), told("never"), told("never")] == ["None", "None", "1"]  # the file has another time
+    assert [told("after"), told("never"), told("never")] == ["2", "None", "1"]
 
 
 def test_where_nothing_can_be_kept_it_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,6 +148,7 @@ def test_no_program_of_other_people_is_kept(folder: Path, monkeypatch: pytest.Mo
     assert program(static=("law",))(squared)(3.0) == 9.0
     monkeypatch.setattr(squared, "__module__", "sinew.tune.pretension")  # as if it stood there
     ours = program(static=("law",))(squared)
+    programs.forget()
     assert ours(3.0, Theirs()) == ours(3.0, law=Theirs) == 9.0
     assert not folder.exists()
     assert ours(3.0, "a law") == ours(3.0) == 9.0
@@ -130,6 +172,15 @@ def test_what_encloses_a_number_is_refused() -> None:
 
     with pytest.raises(TypeError, match="encloses something"):
         program()(scaled)
+
+
+def test_what_is_handed_in_wrongly_is_refused(folder: Path) -> None:
+    for wrong in ([*GIVEN, 7.0], [GIVEN[0]]):
+        with pytest.raises(TypeError):
+            anew()(*wrong)
+    with pytest.raises(TypeError):
+        anew()(*GIVEN, p=GIVEN[1])
+    assert not folder.exists()
 
 
 def test_an_error_of_the_function_reaches_who_calls_it(folder: Path) -> None:

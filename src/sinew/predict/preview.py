@@ -40,10 +40,10 @@ def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
 
     Nothing of a plan without a sweep, and nothing at a pretension without a stable pose.
     """
-    from sinew.predict.modes import Asked, Finder
-
     if plan.sweep is None:
         return ()
+    from sinew.predict.modes import Asked, Finder
+
     bend_deg, azimuth_deg = plan.rest_pose.bend_and_azimuth_deg
     finder = Finder(rig, Asked(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
     tendons_mm = plan.sweep.amplitude_mm

@@ -19,7 +19,9 @@ from threading import RLock
 from typing import Any
 
 import jax
+import jaxlib
 import numpy as np
+import scipy
 from jax import export
 
 from sinew.measure.errors import SpecError
@@ -116,6 +118,14 @@ _PLAIN = {np.ndarray, np.float64, np.int64}
 _making = RLock()
 """Held while a program is traced, which may call others."""
 
+_ready: dict[Any, Callable[..., Any] | None] = {}
+"""Of this process: by function, arguments that are static, and shapes; None for what is not kept."""
+
+
+def forget() -> None:
+    """Have this process read or trace every program anew."""
+    _ready.clear()
+
 
 def program(
     *, static: Sequence[str] = (), options: dict[str, Any] | None = None
@@ -135,23 +145,24 @@ def program(
             raise TypeError(f"found a program that encloses something, {function.__qualname__}; hand it in")
         traced = jax.jit(function, static_argnames=tuple(static), compiler_options=options)
         names = tuple(inspect.signature(function).parameters)
-        ready: dict[Any, Callable[..., Any] | None] = {}
 
         @wraps(function)
         def run(*args: Any, **kwargs: Any) -> Any:
             given = dict(zip(names, args, strict=False)) | kwargs
+            if len(given) != len(args) + len(kwargs):
+                return traced(*args, **kwargs)  # raises what such a call raises
             chosen = {name: given.pop(name) for name in static if name in given}
             leaves, tree = jax.tree.flatten(given)
             if not {type(leaf) for leaf in leaves} <= _PLAIN:
                 if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
                     return traced(*args, **kwargs)
                 leaves = [leaf if hasattr(leaf, "dtype") else np.asarray(leaf) for leaf in leaves]
-            key = (tree, *chosen.values(), *[(leaf.shape, leaf.dtype.char) for leaf in leaves])
-            if key not in ready:
+            key = (function, tree, *chosen.items(), *[(leaf.shape, leaf.dtype.char) for leaf in leaves])
+            if key not in _ready:
                 with _making:
-                    if key not in ready:
-                        ready[key] = _kept(function, chosen, leaves, tree, options)
-            do = ready[key]
+                    if key not in _ready:
+                        _ready[key] = _kept(function, chosen, leaves, tree, options)
+            do = _ready[key]
             return traced(*args, **kwargs) if do is None else do(leaves)
 
         return run
@@ -189,7 +200,10 @@ def _kept(
 def _recalled(key: str) -> tuple[export.Exported, Any] | None:
     """Return what was kept, and the tree of its results; None where there is nothing that can be read."""
     with contextlib.suppress(Exception):  # whatever a damaged file does to those who read it
-        program, result = (b64decode(part) for part in recall(_KIND, key))
+        *parts, digest = recall(_KIND, key)
+        program, result = map(b64decode, parts)
+        if digest != hashlib.sha256(program + result).hexdigest():
+            return None
         return export.deserialize(bytearray(program)), jax.tree.structure(pickle.loads(result))
     return None
 
@@ -206,17 +220,19 @@ def _traced(
         return parts
 
     flat.__name__ = function.__name__
-    exported = export.export(jax.jit(flat))(*map(jax.typeof, leaves))
+    exported = export.export(jax.jit(flat))(*(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves))  # type: ignore[no-untyped-call]
     result = results[-1]
-    parts = exported.serialize(), _bytes(jax.tree.unflatten(result, range(result.num_leaves)))
-    keep(_KIND, key, [b64encode(part).decode() for part in parts], most=_MOST)
+    parts = bytes(exported.serialize()), _bytes(jax.tree.unflatten(result, range(result.num_leaves)))
+    digest = hashlib.sha256(b"".join(parts)).hexdigest()
+    keep(_KIND, key, [*(b64encode(part).decode() for part in parts), digest], most=_MOST)
     return exported, result
 
 
 @cache
 def _surroundings() -> list[str]:
     """Return what a kept program depends on beside the source of Sinew, which a key has already."""
-    return [jax.__version__, jax.default_backend(), str(jax.config.jax_enable_x64), np.__version__]  # type: ignore[attr-defined]
+    versions = [one.__version__ for one in (jax, jaxlib, np, scipy)]
+    return [*versions, jax.default_backend(), str(jax.config.jax_enable_x64)]  # type: ignore[attr-defined]
 
 
 def _bytes(thing: Any) -> bytes:

@@ -3,8 +3,7 @@
 import shlex
 import textwrap
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -70,25 +69,20 @@ def reproduce(
     command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with _processes() as hand:
-        campaign, written = _run_campaign(plans, rig_, seed, out, rebuild, hand)
-        try:
-            summary = _write_pages(campaign, out, hand, began=began)
-        finally:
-            for fetched in written:
-                fetched()
+        campaign = _run_campaign(plans, rig_, seed, out, rebuild, hand)
+        summary = _write_pages(campaign, out, hand, began=began)
     _show(summary, out, json=json)
 
 
-def _run_campaign(
-    plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand"
-) -> "tuple[_Campaign, list[Callable[[], Any]]]":
-    """Return the campaign of the first plan, and what ends the writing of its results to a folder.
+def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand") -> _Campaign:
+    """Return the campaign of the first plan, its results written to a folder.
 
     What does not wait for the campaign is handed over, and so is that writing. plans: the second, if there is one, is
     the sweep beyond.
     """
-    hand(_load, "sinew.paper.report", "sinew.paper.summary")
+    hand(_load, *_PAGES)
     from sinew.measure.files.netcdf import save_dataset, save_recording
+    from sinew.measure.tasks import fetch_all
     from sinew.plan.check import refuse_beyond_limits
     from sinew.predict.preview import preview_plan
     from sinew.solve.programs import use_all_cores
@@ -110,16 +104,23 @@ def _run_campaign(
         with console.progress_bar("simulate above the paper's range, and with effects off"):
             further = next((results_of() for results_of in above), None)
             effects = shares()
-    except BaseException:
-        save_dataset(results, out / "results.nc")  # kept, whatever becomes of the rest
+        if effects:
+            console.write_json(effects, out / "effects.json")
+            results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
+    except BaseException:  # an interrupt as well: what was computed is kept
+        with suppress(FileError):
+            save_dataset(results, out / "results.nc")
         raise
-    if effects:
-        console.write_json(effects, out / "effects.json")
-        results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
     files = {"results.nc": results} | ({} if further is None else {"beyond.nc": further})
     written = [hand(save_dataset, dataset, out / name) for name, dataset in files.items()]
+    _load(*_PAGES)
+    fetch_all(written)
     simulated_s = sum(preview.duration_s for preview in previews)
-    return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild), written
+    return _Campaign(recording, results, further, rig, effects, simulated_s, rebuild)
+
+
+_PAGES = "sinew.paper.report", "sinew.paper.summary"
+"""Modules that draw and write, half a second to load."""
 
 
 def _processes(at_most: int = 4) -> "AbstractContextManager[Hand]":
