@@ -101,7 +101,8 @@ def _note(frame: FrameType, event: str, arg: object) -> None:
 def begin() -> None:
     """Note from now on what this process calls.
 
-    It reads no program that another has traced, as if its source had changed meanwhile: it would call no function of it.
+    It reads no program that another has traced, as if its source had changed meanwhile: none of its functions would
+    be called.
     """
     sinew._began_ns = 0
     atexit.register(sys.settrace, None)
