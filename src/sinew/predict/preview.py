@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sinew.predict.modes import Finder
     from sinew.solve.spatial import Rest
 
-# What knows of bends is loaded where a head bends or sways: an eighth of what `sinew reproduce` would load.
+# What knows of bends is loaded where a head bends or sways: else a tenth of a second for nothing.
 
 # ---- what a plan with a bent or swaying head is expected to show, by the linear joint
 #
