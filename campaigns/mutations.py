@@ -67,11 +67,13 @@ NAMED = (
     ("bench/stops.py", "DRIVE_HOLD_SHARE = 0.2", "DRIVE_HOLD_SHARE = 1.0"),
     ("bench/guard.py", "abs(motor.current), limits.tendon_current_a", "motor.current, limits.tendon_current_a"),
     ("bench/guard.py", "low <= climate.voltage <= high", "low <= climate.voltage"),
-    ("hardware/bus.py", "quiet = self.timing.latency if self._suspect else 0.0", "quiet = 0.0"),
+    ("hardware/bus.py", "wait = self._clock.now() + quiet", "wait = self._clock.now()"),
     (
-        "hardware/registers.py",
-        '1920, scale=1 / 65536),\n    _kept("velocity_p_gain", 78, 2, 0, 16_383, 100,',
-        '100, scale=1 / 65536),\n    _kept("velocity_p_gain", 78, 2, 0, 16_383, 1920,',
+        "hardware/configuration.py",
+        'Row("velocity_i_gain", _initial("velocity_i_gain"), "as from the factory"),\n'
+        '    Row("velocity_p_gain", _initial("velocity_p_gain")',
+        'Row("velocity_i_gain", _initial("velocity_p_gain"), "as from the factory"),\n'
+        '    Row("velocity_p_gain", _initial("velocity_i_gain")',
     ),
 )
 """Changes of the bench by file below src/sinew, text and its replacement."""
