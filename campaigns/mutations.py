@@ -5,6 +5,12 @@ neighbours swapped, a guard that is dropped. It is made in a copy of the tree, w
 files of tests run that call the mutated function, the likeliest and quickest first, until one fails; all, where the
 place is run when its module is imported. Which those are is found at the start, by one run of the selection. A mutation
 that no test notices is printed with its place: read it, it may change nothing that anybody sees, or a test is missing.
+
+One that changes nothing that anybody can see is written down in `EQUIVALENT`, with the reason. Whatever the seed, a
+draw that meets it is printed and does not count: the drawing goes on until there are as many as were asked for.
+
+`--rooms` draws from some rooms only; `--named` begins with the mutations of `NAMED`, which no test had noticed once;
+`--tests` runs a part of the selection, so that more may go unnoticed than by all of it, never fewer.
 """
 
 import ast
@@ -28,7 +34,7 @@ from campaigns.options import campaign_parser
 from campaigns.touched import Calls, calls_of
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("mechanics", "solve", "analysis", "identify", "bench", "hardware")
+ROOMS = ("mechanics", "solve", "analysis", "identify", "bench", "hardware", "emulator")
 KINDS = ("sign", "factor of two", "off by one", "swapped", "dropped guard")
 _START_S, _LONGER = 300.0, 5.0
 """A run that takes so much, and so many times as long as its files without mutation, has noticed: something waits."""
@@ -54,6 +60,52 @@ class Mutation:
         """Return the file's text with the change."""
         assert text[self.begin : self.end] == self.before
         return text[: self.begin] + self.after + text[self.end :]
+
+
+NAMED = (
+    ("hardware/motor.py", 'self.sign * (self.state()["present_position"]', '(self.state()["present_position"]'),
+    ("bench/stops.py", "DRIVE_HOLD_SHARE = 0.2", "DRIVE_HOLD_SHARE = 1.0"),
+    ("bench/guard.py", "abs(motor.current), limits.tendon_current_a", "motor.current, limits.tendon_current_a"),
+    ("bench/guard.py", "low <= climate.voltage <= high", "low <= climate.voltage"),
+    ("hardware/bus.py", "wait = self._clock.now() + quiet", "wait = self._clock.now()"),
+    (
+        "hardware/configuration.py",
+        'Row("velocity_i_gain", _initial("velocity_i_gain"), "as from the factory"),\n'
+        '    Row("velocity_p_gain", _initial("velocity_p_gain")',
+        'Row("velocity_i_gain", _initial("velocity_p_gain"), "as from the factory"),\n'
+        '    Row("velocity_p_gain", _initial("velocity_i_gain")',
+    ),
+)
+"""Changes of the bench by file below src/sinew, text and its replacement."""
+
+EQUIVALENT = {
+    (
+        "emulator/joint_plant.py",
+        "self._laws = [Law()] * (count + 1)",
+        "self._laws = [Law()] * (count + 2)",
+    ): "the list is read and written by the number of a motor alone, of which there are count + 1",
+}
+"""Why a mutation changes nothing that anybody can see, by file, the line that it changes, and the line as changed."""
+
+
+def named(root: Path = ROOT) -> list[Mutation]:
+    """Return the mutations of `NAMED`. Raises SystemExit where the text of one is no longer there, or not once."""
+    found = []
+    for file, before, after in NAMED:
+        text = (root / "src/sinew" / file).read_text(encoding="utf-8")
+        if (count := text.count(before)) != 1:
+            raise SystemExit(f"{file} has {count} places like {before!r}, expected one; correct NAMED")
+        begin = text.index(before)
+        line = text.count("\n", 0, begin) + 1
+        found.append(Mutation("named", file, line, begin, begin + len(before), before, after))
+    return found
+
+
+def _why_equivalent(mutation: Mutation, root: Path) -> str:
+    """Return why a mutation changes nothing that anybody can see; empty where that is not known."""
+    text = (root / "src/sinew" / mutation.file).read_text(encoding="utf-8")
+    lines = (whole.splitlines()[mutation.line - 1].strip() for whole in (text, mutation.made(text)))
+    return EQUIVALENT.get((mutation.file, *lines), "")
 
 
 def _offsets(text: str) -> list[int]:
@@ -157,19 +209,27 @@ def mutations_of(file: str, text: str) -> list[Mutation]:
     return finder.found
 
 
-def drawn(seed: int, count: int, root: Path = ROOT) -> list[Mutation]:
-    """Return mutations drawn with a seed: rooms and kinds in turn, places at random, no place twice."""
+def drawn(seed: int, count: int, rooms: Sequence[str] = ROOMS, root: Path = ROOT) -> list[Mutation]:
+    """Return mutations drawn with a seed: rooms and kinds in turn, places at random, no place twice.
+
+    Those in `EQUIVALENT` are printed and do not count.
+    """
     rng = random.Random(seed)
     every: list[Mutation] = []
     for path in sorted((root / "src/sinew").rglob("*.py")):
         file = path.relative_to(root / "src/sinew").as_posix()
-        if file.split("/")[0] in ROOMS:
+        if file.split("/")[0] in rooms:
             every += mutations_of(file, path.read_text(encoding="utf-8"))
     chosen: list[Mutation] = []
-    for number in range(count):
-        room, kind = ROOMS[number % len(ROOMS)], KINDS[number % len(KINDS)]
-        here = [m for m in every if m.file.startswith(f"{room}/") and m.kind == kind and m not in chosen]
-        chosen.append(rng.choice(here))
+    seen: list[Mutation] = []
+    while len(chosen) < count:
+        room, kind = rooms[len(seen) % len(rooms)], KINDS[len(seen) % len(KINDS)]
+        here = [m for m in every if m.file.startswith(f"{room}/") and m.kind == kind and m not in seen]
+        seen.append(mutation := rng.choice(here))
+        if why := _why_equivalent(mutation, root):
+            print(f"passed over, {mutation.file}:{mutation.line}: {mutation.before!r} -> {mutation.after!r}: {why}")
+        else:
+            chosen.append(mutation)
     return chosen
 
 
@@ -247,10 +307,13 @@ def _copy() -> Iterator[Path]:
         yield tree
 
 
-def called(workers: int) -> Calls:
-    """Return what the fast tests call, of one run; without any mutation none of them may fail."""
+def called(workers: int, tests: Sequence[str] = ()) -> Calls:
+    """Return what the fast tests call, of one run; without any mutation none of them may fail.
+
+    tests: files or folders of them; empty: all.
+    """
     with _copy() as tree:
-        command = [*_PYTEST, "-n", str(workers), "--dist", "loadfile"]
+        command = [*_PYTEST, "-n", str(workers), "--dist", "loadfile", *tests]
         calls, printed = calls_of(tree, command, _environment(tree))
     if already := _said(printed):
         raise SystemExit(f"a test fails without any mutation: {already}; the campaign would prove nothing")
@@ -275,9 +338,14 @@ def main() -> int:
     """Run the campaign; each worker has a copy of the tree."""
     parser = campaign_parser("mutations", __doc__, count=30, of="mutations", numbered=True)
     parser.add_argument("--workers", type=int, default=2, help="copies of the tree side by side [2]")
+    parser.add_argument("--rooms", nargs="+", choices=ROOMS, default=ROOMS, help="of src/sinew [all of these]")
+    parser.add_argument("--named", action="store_true", help="begin with those of NAMED")
+    parser.add_argument("--tests", nargs="+", default=(), help="files or folders of tests [all]")
     asked = parser.parse_args()
-    chosen = drawn(asked.seed, asked.first + asked.mutations)[asked.first :]
-    calls = called(asked.workers)
+    first = named() if asked.named else []
+    count = max(0, asked.first + asked.mutations - len(first))
+    chosen = [*first, *drawn(asked.seed, count, asked.rooms)][asked.first : asked.first + asked.mutations]
+    calls = called(asked.workers, asked.tests)
     with ThreadPoolExecutor(asked.workers) as pool:
         shares = pool.map(_share, [chosen[i :: asked.workers] for i in range(asked.workers)], repeat(calls))
         rows = [row for share in shares for row in share]

@@ -50,6 +50,29 @@ def test_lost_and_damaged_answers_are_counted_and_told(ward: Ward) -> None:
     assert "with a wrong CRC" in finding.found
 
 
+def drop_some(ward: Ward, every: int) -> LoopTimes:
+    """Lose every so many-th answer of the drive, which is asked first, and return how the readings went."""
+    number = iter(range(10**6))
+    ward.rig.line.disturb_up = lambda now, data: [] if data[4] == 5 and next(number) % every == 0 else [(now, data)]
+    return time_loop(ward.rigged, ward.port, 1.0)
+
+
+@pytest.mark.parametrize(("every", "severity"), [(2, "fault"), (3, "fault"), (5, "warning"), (20, "warning")])
+def test_more_incomplete_readings_than_a_run_bears_are_a_fault(ward: Ward, every: int, severity: str) -> None:
+    times = drop_some(ward, every)
+    (finding,) = examine_bus(ward.rigged, times)
+    assert times.incomplete / times.cycles == pytest.approx(1 / every, abs=0.02)
+    assert finding.severity == severity
+
+
+def test_an_instruction_that_reaches_a_device_damaged_is_told_as_an_error_of_the_bus(ward: Ward) -> None:
+    damaged = iter([True])
+    ward.rig.line.disturb_down = lambda now, data: [(now, data[:-1] + b"\0" if next(damaged, False) else data)]
+    ward.rigged.drive.identify()
+    (finding,) = examine_bus(ward.rigged, None)
+    assert (finding.severity, "1 to an instruction that came damaged" in finding.found) == ("warning", True)
+
+
 def test_an_adapter_that_returns_what_is_sent_is_told_as_a_note(ward: Ward) -> None:
     ward.wait(0.05)
     ward.rig.line.echoes = True

@@ -10,7 +10,7 @@ from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding
 from sinew.bench.guide import STEPS, Guide, OpenRig, Step, arrange, lead, look_around, turned_frame
-from sinew.bench.guide_moves import Pull
+from sinew.bench.guide_moves import Pull, pull_current
 from sinew.emulator.found import Hands, VirtualPort, draw_unbuilt
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
@@ -21,6 +21,17 @@ from sinew.measure.errors import PortError, StoppedError
 from sinew.plan.rig import RigSpec
 
 DEVICES = STEPS[:2]
+
+
+@pytest.mark.parametrize(("limit_a", "most"), [(1.3, 0.0423), (0.1, 0.025)])
+def test_a_tendon_is_pulled_with_first_contacts_current_and_a_quarter_of_the_limit_at_most(
+    limit_a: float, most: float
+) -> None:
+    # 8.868 N at the paper's pulley and 2.62 N m/A are 42.3 mA; a count is 2.69 mA.
+    spec = paper_rig()
+    spec = spec.model_copy(update={"limits": spec.limits.model_copy(update={"tendon_current_a": limit_a})})
+    port = VirtualPort(EmulatedRig(spec, Unloaded(4, spec)))
+    assert pull_current(Rig(Bus(port, port), port, spec)) == pytest.approx(most - 0.00135, abs=0.00135)
 
 
 class Somebody:

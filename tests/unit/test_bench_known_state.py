@@ -11,6 +11,7 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.bench.doctor import call_roll, examine_motors
+from sinew.bench.preflight import refuse_unready
 from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.run import Runner
 from sinew.bench.stops import stop
@@ -274,6 +275,14 @@ def turning_bench(bias: float, swing: float) -> VirtualBench:
     return bench
 
 
+def test_a_baud_that_no_read_fits_into_a_cycle_is_refused_before_any_device_is_asked() -> None:
+    wiring = SPEC.wiring.model_copy(update={"baud": 57_600})
+    bench = virtual_bench(SPEC.model_copy(update={"wiring": wiring}), plant=StandIn())
+    with pytest.raises(StartError, match=r"57600 baud.*lower sample_hz"):
+        refuse_unready(bench.rig, bench.port, PLAN)
+    assert bench.rig.bus.statistics.transactions == 0
+
+
 def test_an_imu_that_falls_silent_at_the_start_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = still_bench()
     # It answers the two looks before anything starts, and two of those that tell whether the head rests.
@@ -284,7 +293,8 @@ def test_an_imu_that_falls_silent_at_the_start_is_named(tmp_path: Path, monkeypa
         return reading if next(answers, False) else dataclasses.replace(reading, imu=None)
 
     monkeypatch.setattr(bench.rig, "read", fading)
-    with pytest.raises(StartError, match=r"2 readings of the IMU came within 10 s, expected \d+ .* check its cable"):
+    # It is looked at every 20 ms for half a second.
+    with pytest.raises(StartError, match=r"2 readings of the IMU came within 10 s, expected 25 .* check its cable"):
         bench.run(PLAN, tmp_path, TENSION)
     assert not any(state.torque for state in bench.emulated.states().values())
 

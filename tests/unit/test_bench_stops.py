@@ -44,6 +44,14 @@ def test_hold_leaves_every_motor_under_torque_with_limited_output(mode: TendonMo
     assert all(state.is_limited or mode == "current" for state in bench.emulated.states().values())
 
 
+def test_a_held_lever_is_braked_with_a_fifth_of_the_output() -> None:
+    # Decision 20: at a fifth of the output a swinging lever stays within about 20°.
+    bench = powered()
+    stop(bench.rig, bench.port, "hold")
+    drive = bench.emulated.states()[SPEC.wiring.drive_id]
+    assert drive.law.duty_limit == pytest.approx(0.2, abs=1.5 / 885)  # a whole count, rounded down
+
+
 @pytest.mark.parametrize("mode", ["position", "position-with-current-limit"])
 def test_under_hold_nothing_moves_any_more_and_no_watchdog_trips(mode: TendonMode) -> None:
     bench = powered(mode)

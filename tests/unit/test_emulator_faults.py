@@ -150,6 +150,14 @@ def test_about_a_tenth_is_lost_where_a_twentieth_of_the_packets_is_dropped_each_
     assert lost == pytest.approx(2000 * (1 - 0.95**2), abs=50)  # four standard deviations
 
 
+@pytest.mark.parametrize(("size", "left"), [(1, []), (2, [1]), (4, [1, 2, 3])])
+def test_what_is_truncated_loses_a_byte_at_least_and_keeps_one(size: int, left: list[int]) -> None:
+    faults = Faults([parse_fault("truncate:p=1")])
+    struck = [part for _ in range(100) for _, part in faults.disturb(0.0, bytes(range(size)))]
+    assert sorted({len(part) for part in struck}) == left
+    assert all(part == bytes(range(len(part))) for part in struck)
+
+
 def test_a_doubled_packet_comes_twice() -> None:
     bench = Bench("duplicate:p=1")
     bench.rig.receive(b"\xff\xff\xfd\x00\x01\x03\x00\x01\x19\x4e", 0.0)  # the manual's ping of device 1

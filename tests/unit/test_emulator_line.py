@@ -38,8 +38,9 @@ def statuses(came: list[tuple[float, bytes]]) -> list[Status]:
         ("FF FF FD 00 01 03 00 08 2F 4E", "FF FF FD 00 01 04 00 55 00 A1 0C"),
         ("FF FF FD 00 01 04 00 06 01 A1 E6", "FF FF FD 00 01 04 00 55 00 A1 0C"),
         ("FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+        ("FF FF FD 00 01 08 00 20 01 43 54 52 4C 16 F5", "FF FF FD 00 01 04 00 55 00 A1 0C"),
     ],
-    ids=["write", "reg write", "reboot", "factory reset", "clear"],
+    ids=["write", "reg write", "reboot", "factory reset", "clear", "control table backup"],
 )
 def test_the_manuals_packets_get_the_manuals_answers(instruction: str, status: str) -> None:
     came = answers(Bench(paper_rig(tendon_model="XM430-W350")), bytes.fromhex(instruction))
@@ -77,11 +78,23 @@ def test_a_bulk_read_gives_each_device_its_own_bytes() -> None:
     assert [status.params for status in statuses(came)] == [b"\xfc\x03", b"\x00\x74", b"\x88\x02"]
 
 
-def test_an_absent_device_costs_its_slot_and_no_more() -> None:
+@pytest.mark.parametrize("fast", [False, True])
+def test_a_silent_device_silences_the_motors_behind_it(fast: bool) -> None:
+    came = answers(Bench(), encode(ask.sync_read(132, 4, [1, 77, 2, 3], fast=fast)))
+    heard = [status.id for status in statuses(came)]
+    assert (heard, sum(len(data) for _, data in came)) == (([], 8 + 8) if fast else ([1], 15))
+
+
+def test_the_node_goes_on_behind_a_silent_device_after_its_time_and_the_motors_behind_the_node_answer() -> None:
     bench = Bench(return_delay=0)
-    came = answers(bench, encode(ask.sync_read(132, 4, [1, 77, 2])))
-    assert [status.id for status in statuses(came)] == [1, 2]
-    assert came[1][0] - came[0][0] == pytest.approx(2 * 15 * BYTE, abs=1e-9)
+    came = answers(bench, encode(ask.bulk_read([Read(1, 132, 4), Read(77, 132, 4), Read(200, 0, 2), Read(2, 132, 4)])))
+    assert [status.id for status in statuses(came)] == [1, 200, 2]
+    assert came[1][0] - came[0][0] == pytest.approx((15 + 13) * BYTE, abs=1e-9)
+
+
+def test_the_bus_asks_those_again_whom_a_silent_device_has_silenced() -> None:
+    replies = Bench(retries=1).bus.sync_read(132, 4, [1, 77, 2, 3])
+    assert [reply.ok for reply in replies.values()] == [True, False, True, True]
 
 
 def test_a_fast_sync_read_is_one_packet_without_gaps() -> None:
@@ -192,6 +205,54 @@ def test_bytes_written_in_bits_and_pieces_are_one_instruction() -> None:
         rig.receive(bytes([byte]), at * 1e-3)
     rig.advance(1.0)
     assert [status.id for status in statuses([(0.0, rig.transmit(1.0))])] == [1]
+
+
+@pytest.mark.parametrize(("gap", "heard"), [(1.4e-3, [1]), (1.6e-3, []), (50e-3, [])])
+def test_a_pause_of_more_than_1_5_ms_ends_an_instruction(gap: float, heard: list[int]) -> None:
+    bench, packet = Bench(), encode(ask.ping(1))
+    bench.rig.receive(packet[:7], 0.0)
+    bench.rig.receive(packet[7:], 7 * BYTE + gap)
+    bench.rig.advance(1.0)
+    assert [status.id for status in statuses([(0.0, bench.rig.transmit(1.0))])] == heard
+
+
+def test_what_a_pause_has_cut_off_does_not_spoil_the_next_instruction() -> None:
+    bench = Bench()
+    bench.port.write(encode(ask.write(1, 65, b"\x01"))[:-2])
+    bench.wait(2e-3)
+    assert (bench.bus.ping(2).ok, bench.get(1, "led")) == (True, 0)
+
+
+def damaged(packet: bytes, at: int = -1) -> bytes:
+    return packet[:at] + bytes((packet[at] ^ 0x10,)) + packet[at:][1:]
+
+
+def test_an_instruction_with_a_wrong_crc_is_answered_with_error_3_and_not_carried_out() -> None:
+    bench = Bench()
+    came = answers(bench, damaged(encode(ask.write(1, 65, b"\x01"))))
+    assert (statuses(came), bench.get(1, "led")) == ([Status(1, 3)], 0)
+
+
+@pytest.mark.parametrize(
+    ("level", "answered"), [(0, [True, False, False]), (1, [True, True, False]), (2, [True, True, True])]
+)
+def test_a_wrong_crc_is_answered_by_the_status_return_level(level: int, answered: list[bool]) -> None:
+    bench = Bench()
+    bench.put(1, "status_return_level", level)
+    packets = [encode(part) for part in (ask.ping(1), ask.read(1, 132, 4), ask.write(1, 65, b"\x01"))]
+    assert [statuses(answers(bench, damaged(packet))) == [Status(1, 3)] for packet in packets] == answered
+
+
+@pytest.mark.parametrize("packet", [ask.ping(), ask.sync_read(132, 4, TENDONS), ask.ping(77)])
+def test_nobody_answers_a_wrong_crc_that_is_for_all_or_for_nobody_there(packet: ask.Instruction) -> None:
+    assert not answers(Bench(), damaged(encode(packet)))
+
+
+def test_a_write_that_reached_the_motor_damaged_is_sent_again_by_the_bus() -> None:
+    bench, number = Bench(retries=1), iter(range(100))
+    bench.rig.line.disturb_down = lambda now, data: [(now, data if next(number) else damaged(data))]
+    reply = bench.bus.write(1, 65, b"\x01")
+    assert (reply.ok, reply.attempts, bench.get(1, "led")) == (True, 2, 1)
 
 
 def test_instructions_sent_in_one_go_are_carried_out_one_after_another() -> None:

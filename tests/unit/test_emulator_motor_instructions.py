@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.emulator_motor_bench import ACCESS, LENGTH, UNKNOWN, M, running, say
+from tests.unit.emulator_motor_bench import ACCESS, FAIL, LENGTH, RANGE, UNKNOWN, M, running, say
 from tests.unit.emulator_stand_in import Bench, StandIn
 
 from sinew.emulator.motor import Motor
@@ -31,9 +31,52 @@ def test_a_registered_write_is_refused_as_a_write_would_be() -> None:
     assert say(Bench(), ask.REG_WRITE, b"\x84\x00\x01\x02\x03\x04") == Status(M, ACCESS)
 
 
-@pytest.mark.parametrize("code", [0x07, 0x20, 0x99, 0xFF])
+@pytest.mark.parametrize("code", [0x07, 0x21, 0x99, 0xFF])
 def test_an_unknown_instruction_is_an_instruction_error(code: int) -> None:
     assert say(Bench(), code) == Status(M, UNKNOWN)
+
+
+STORE, RESTORE = b"\x01CTRL", b"\x02CTRL"
+
+
+def backed_up(bench: Bench) -> Status | None:
+    return say(bench, ask.CONTROL_TABLE_BACKUP, STORE)
+
+
+def test_a_backup_brings_the_registers_back_that_outlive_a_loss_of_power_and_the_motor_starts_anew() -> None:
+    bench = Bench()
+    bench.put(M, "pwm_limit", 300)
+    stored = backed_up(bench)
+    ready = bench.get(M, "backup_ready")
+    bench.put(M, "pwm_limit", 885)
+    bench.put(M, "led", 1)
+    restored = say(bench, ask.CONTROL_TABLE_BACKUP, RESTORE)
+    deaf = bench.bus.ping(M).outcome
+    bench.wait(0.5)
+    assert (stored, ready, restored, deaf) == (Status(M), 1, Status(M), Outcome.SILENT)
+    assert [bench.get(M, name) for name in ("pwm_limit", "led", "backup_ready")] == [300, 0, 1]
+
+
+@pytest.mark.parametrize("params", [STORE, RESTORE])
+def test_nothing_is_backed_up_or_restored_while_the_torque_is_on(params: bytes) -> None:
+    bench = Bench()
+    backed_up(bench)
+    bench.put(M, "torque_enable", 1)
+    assert say(bench, ask.CONTROL_TABLE_BACKUP, params) == Status(M, FAIL)
+
+
+def test_without_a_backup_nothing_is_restored() -> None:
+    bench = Bench()
+    assert (say(bench, ask.CONTROL_TABLE_BACKUP, RESTORE), bench.get(M, "backup_ready")) == (Status(M, FAIL), 0)
+
+
+@pytest.mark.parametrize("params", [b"", b"\x01", b"\x03CTRL", b"\x01CTR"])
+def test_a_backup_without_its_fixed_values_is_a_range_error(params: bytes) -> None:
+    assert say(Bench(), ask.CONTROL_TABLE_BACKUP, params) == Status(M, RANGE)
+
+
+def test_firmware_before_45_knows_no_backup() -> None:
+    assert backed_up(Bench(firmware=44)) == Status(M, UNKNOWN)
 
 
 @pytest.mark.parametrize("code", [ask.READ, ask.WRITE, ask.REG_WRITE])

@@ -147,6 +147,22 @@ def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question() -> Non
     assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
 
 
+def test_the_bus_waits_for_quiet_again_after_each_late_answer() -> None:
+    bus, line, _ = bench(retries=0)
+    # After 6.3 ms as above, and again 0.5 ms later, before an answer to what would be asked after the first of them.
+    line.spoil = lambda n, wire: [(0.0053, wire), (0.0058, wire)] if n == 0 else only_first(wire)
+    bus.read(1, 132, 4)
+    assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
+
+
+def test_the_bus_waits_for_quiet_after_an_answer_of_a_wrong_length() -> None:
+    bus, line, _ = bench(retries=0)
+    short = encode(Status(1, 0, b"\x01"))
+    line.spoil = lambda n, wire: [(0.0, short), (0.0005, wire)] if n == 0 else only_first(wire)
+    assert bus.read(1, 132, 4).outcome is Outcome.WRONG_LENGTH
+    assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
+
+
 def test_a_doubled_answer_is_not_taken_for_the_answer_to_the_next_question() -> None:
     bus, line, _ = bench()
     line.spoil = lambda n, wire: only_first(wire * 2)

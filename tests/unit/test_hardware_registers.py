@@ -78,6 +78,8 @@ MANUAL = [
     ("shutdown", 63, 1, True, 52, 52),
     ("torque_enable", 64, 1, True, 0, 0),
     ("hardware_error_status", 70, 1, False, 0, 0),
+    ("velocity_i_gain", 76, 2, True, 1920, 1920),
+    ("velocity_p_gain", 78, 2, True, 100, 100),
     ("position_p_gain", 84, 2, True, 900, 800),
     ("bus_watchdog", 98, 1, True, 0, 0),
     ("goal_current", 102, 2, True, None, None),

@@ -91,6 +91,15 @@ def test_motors_are_read_in_the_rigs_sense(sign: int) -> None:
     assert reading.drive.duty == pytest.approx(0.1, abs=0.00113)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_levers_angle_has_the_rigs_sign_in_a_cycle_and_asked_alone(sign: int) -> None:
+    stand = Stand(drive_sign=sign, drive_zero_counts=1000)
+    stand.plant.angles[4] = 0.3
+    lever = stand.rigged.read().drive
+    assert lever is not None
+    assert [lever.angle, stand.rigged.drive.angle()] == pytest.approx([0.3, 0.3], abs=COUNT)
+
+
 def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> None:
     climates = [reading.climate for reading in stand.readings(6)]
     assert [climate.name for climate in climates if climate] == [
@@ -333,7 +342,9 @@ def test_who_breaks_the_common_packet_off_is_named_and_plain_reads_take_over() -
     stand.lost = {2}
     stand.rig.line.devices = [device for device in stand.rig.line.devices if device.id != 2]
     *_, reading = stand.readings(6)
-    assert (stand.rigged.reads.kind, [lack.name for lack in reading.lacks]) == ("plain", ["tendon 2"])
+    # A motor that is silent silences the motors asked behind it, in plain reads as well.
+    behind = ["tendon 2", "tendon 3", "tendon 4"]
+    assert (stand.rigged.reads.kind, [lack.name for lack in reading.lacks]) == ("plain", behind)
     assert stand.rigged.reads.why == "fast reads were given up: the common packet broke off at tendon 2"
 
 
@@ -425,6 +436,14 @@ def test_motors_are_set_up_as_the_rig_asks(stand: Stand) -> None:
     assert stand.get(1, "current_limit") == 483  # 1.3 A in 2.69 mA
     assert stand.get(5, "current_limit") == 1189  # 3.2 A
     assert (stand.get(5, "operating_mode"), stand.get(5, "min_position_limit")) == (3, 1024)
+
+
+def test_gains_of_the_velocity_loop_are_put_back_to_the_factorys(stand: Stand) -> None:
+    for name in ("velocity_i_gain", "velocity_p_gain"):
+        stand.put(1, name, 500)
+    stand.rigged.configure()
+    # Pages XH430-W350 and XM430-W350 of the manual.
+    assert [stand.get(1, name) for name in ("velocity_i_gain", "velocity_p_gain")] == [1920, 100]
 
 
 def test_a_stricter_limit_in_a_motor_is_kept(stand: Stand) -> None:

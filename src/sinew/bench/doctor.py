@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from sinew.bench.loop import MISSED_MOST
 from sinew.bench.preflight import MOST_ON_WIRE
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
@@ -537,6 +538,7 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         "damaged": counts.damaged,
         "of a wrong length": counts.wrong_length,
         "with a wrong CRC": counts.crc_errors,
+        "to an instruction that came damaged": counts.heard_damaged,
         "nobody asked for": counts.strays,
         "of an earlier time": rig.stale.total(),
         "that cannot be true": rig.impossible.total(),
@@ -554,10 +556,13 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
     if not told:
         return [*findings, Finding("ok", "bus", f"{shown}, none lost or damaged")]
     advice = "check plugs, ground and length of the cables; a silent device explains silence"
-    if counts.damaged + counts.crc_errors > counts.silent + counts.rivals:
+    if counts.damaged + counts.crc_errors + counts.heard_damaged > counts.silent + counts.rivals:
         advice = "noise: check ground, shield and termination (120 Ω at both ends of RS-485), and length of the cables"
     elif counts.rivals:
         advice = "two devices answer to one id: unplug one and give it another id"
+    if times is not None and times.incomplete > MISSED_MOST * times.cycles:
+        expected = f"at most {100 * MISSED_MOST:.0f} % of readings incomplete; a run ends with more"
+        return [*findings, Finding("fault", "bus", f"{shown}: {told}", expected, advice)]
     return [*findings, Finding("warning", "bus", f"{shown}: {told}", "no errors", advice)]
 
 

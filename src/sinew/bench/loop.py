@@ -20,7 +20,9 @@ WATCHDOG_S = 0.08
 _GOAL_BYTES = 60  # of the packet with all goals
 _STANDS_STILL_S = 0.012  # two samples of the IMU are due in that time
 _MISSED_WINDOW = 200
-_MISSED_MOST = 0.25
+MISSED_MOST = 0.25
+"""Share of cycles that may begin too late before a run ends. A reading that lacks an answer makes the next cycle late:
+where more than this share of readings is incomplete, `sinew doctor` reports a fault."""
 
 Drive = Callable[[float], float]
 Pull = Callable[[float], Sequence[float]]
@@ -183,7 +185,7 @@ class Loop:
         if late > WATCHDOG_S - self.period:
             self.refuse_stopped(late)
         share = sum(self._late) / len(self._late)
-        if len(self._late) < _MISSED_WINDOW or share <= _MISSED_MOST:
+        if len(self._late) < _MISSED_WINDOW or share <= MISSED_MOST:
             return
         if sum(self._waited) > 0.5 * sum(self._late):
             raise LostError(
@@ -192,7 +194,7 @@ class Loop:
             )
         raise StoppedError(
             f"{100 * share:.0f} % of the last {_MISSED_WINDOW} cycles began too late, expected less than "
-            f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
+            f"{100 * MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
         )
 
     def _sample(self, reading: Reading, drive: Drive, goals: tuple[float, ...]) -> Sample:

@@ -15,7 +15,7 @@ from sinew.hardware.registers import BAUD_RATES, Register, RegisterTable
 from sinew.plan.servo import RETURN_DELAY_LSB
 
 # Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error).
-DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
+CRC, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 3, 4, 5, 6, 7
 
 Part = tuple[Register, int]
 """A register and the count that is to be stored in it."""
@@ -193,9 +193,18 @@ class Device(ABC):
         return False
 
     @property
+    def goes_on_alone(self) -> bool:
+        """Whether it answers a sync or bulk read also where the device before it was silent, after that one's time."""
+        return False
+
+    @property
     def is_locked(self) -> bool:
         """Whether registers that are kept without power may not be written."""
         return False
+
+    def answers_to(self, code: int) -> bool:
+        """Return whether it answers an instruction to it alone, by its status return level."""
+        return code == ask.PING or self.status_return_level >= (1 if code == ask.READ else 2)
 
     @abstractmethod
     def hears(self, now: float) -> bool:
@@ -229,16 +238,16 @@ class Device(ABC):
         sender = self.id  # also where a write changes it
         if instruction.code == ask.PING:
             return self.status(0, self.registers["model_number"].to_bytes(2, "little") + bytes((self.firmware,)))
-        if instruction.code == ask.READ:
-            return self.status(DATA_LENGTH) if self.status_return_level >= 1 else None
         # The answer to a write that changes what is answered, and to whom, still goes by the old settings.
-        level = self.status_return_level
+        is_answered = self.answers_to(instruction.code)
+        if instruction.code == ask.READ:
+            return self.status(DATA_LENGTH) if is_answered else None
         if instruction.code == ask.WRITE:
             parts = ask.writes_of(instruction)
             number = self.write(parts[0].address, parts[0].data, now) if parts else DATA_LENGTH
         else:
             number = self.carry_out(instruction, now)
-        return self.status(number, sender=sender) if level >= 2 else None
+        return self.status(number, sender=sender) if is_answered else None
 
     def answer(self, address: int, length: int, now: float) -> Status | None:
         """Return what it says to a read, of the moment; None where it is silent."""
@@ -348,6 +357,10 @@ class Board(Device):
     @property
     def baud(self) -> int:
         return self._baud
+
+    @property
+    def goes_on_alone(self) -> bool:
+        return True  # as Sinew's firmware does, firmware/node/slave.h
 
     def hears(self, now: float) -> bool:
         return self.is_powered and now >= self._deaf_until

@@ -1,12 +1,16 @@
 """The wire: a half-duplex line with devices, on which every byte takes its time.
 
 An instruction is heard when its last byte has come; a device answers when its return delay has passed, with what its
-registers hold then. In a sync or bulk read the answers follow one another; a device that does not answer costs the time
-its answer would have taken. A device set to another baud hears nothing that makes sense, and says nothing. Who speaks
-at the same time spoils the bytes: zeros win over ones. Some adapters return what their master sends (`echoes`). A
-status that a USB adapter hands over in one piece is handed over here when its last byte has come. Answers to a ping of
-all come by id. Instructions that are not stuffed are not understood, as none that is damaged; nobody answers with a CRC
-error.
+registers hold then. In a sync or bulk read the answers follow one another: each device waits for the status before its
+own. Behind a device that does not answer a motor stays silent, while a board goes on after the time that the answer
+would have taken (`Device.goes_on_alone`); the manual does not say what a motor does, and this is the worse of the two.
+A device set to another baud hears nothing that makes sense, and says nothing. Who speaks at the same time spoils the
+bytes: zeros win over ones. Some adapters return what their master sends (`echoes`). A status that a USB adapter hands
+over in one piece is handed over here when its last byte has come. Answers to a ping of all come by id.
+
+An instruction whose bytes pause for longer than `GAP_S` is dropped, up to the next header. Who is named in one with a
+wrong CRC answers with the protocol's CRC error, unless it is one for all. Instructions that are not stuffed are not
+understood.
 """
 
 import heapq
@@ -15,7 +19,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sinew.emulator.device import Device
+from sinew.emulator.device import CRC, Device
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
     BROADCAST,
@@ -32,6 +36,9 @@ from sinew.hardware.codec import (
 
 Disturbance = Callable[[float, bytes], list[tuple[float, bytes]]]
 """Turns (when the last byte has come [s], bytes) into what arrives instead, and when; nothing for what is lost."""
+
+GAP_S = 1.5e-3
+"""Longest pause between two bytes of an instruction [s] (e-Manual, "DYNAMIXEL Protocol 2.0", Byte to Byte Time)."""
 
 _BITS_PER_BYTE = 10
 _READS = (ask.READ, ask.SYNC_READ, ask.BULK_READ)
@@ -50,12 +57,16 @@ class _Burst:
 
 @dataclass(slots=True)
 class _Round:
-    """Answers that follow one another. crc: of a fast read so far, which is one packet of all."""
+    """Answers that follow one another.
+
+    crc: of a fast read so far, which is one packet of all. broken: whether the device before the next was silent.
+    """
 
     reads: Sequence[ask.Read]
     fast: bool = False
     next: int = 0
     crc: int = 0
+    broken: bool = False
 
     @property
     def length(self) -> int:
@@ -104,6 +115,7 @@ class Line:
         self._wire: list[_Burst] = []
         self._arriving: list[tuple[float, int, bytes]] = []
         self._master_free = 0.0
+        self._ear_since = -math.inf
         self.instructions = self.group_reads = 0
         self.heard_at = -math.inf
 
@@ -177,9 +189,21 @@ class Line:
                 heapq.heappush(self._arriving, (max(at, when), next(self._order), part))
 
     def _hear(self, now: float, data: bytes) -> None:
+        """Take bytes of the master whose last one has come."""
+        if now - len(data) * _BITS_PER_BYTE / self.host_baud - self._ear_since > GAP_S:
+            self._ear.reset()
+        self._ear_since = now
+        errors = self._ear.crc_errors
         for packet in self._ear.feed(data):
             if isinstance(packet, Instruction):
                 self._carry_out(packet, now)
+        if self._ear.crc_errors > errors:
+            self._refuse_damaged(*self._ear.damaged, now)
+
+    def _refuse_damaged(self, device_id: int, code: int, now: float) -> None:
+        for device in self._listeners(now):
+            if device.id == device_id and device.answers_to(code):
+                self._speak_later(now + device.return_delay, encode(device.status(CRC)))
 
     def _listeners(self, now: float) -> list[Device]:
         return [device for device in self.devices if self._does_hear(device, now)]
@@ -238,10 +262,12 @@ class Line:
         return burst.stop
 
     def _go_on(self, group: _Round, now: float) -> None:
-        """Have the next device of a group speak, after its return delay; who is not there costs its time."""
+        """Have the next device of a group speak, after its return delay; who is silent may silence those behind it."""
         while group.next < len(group.reads):
             read = group.reads[group.next]
             speakers = self._speakers(read.id, group.fast, now)
+            if group.broken:
+                speakers = [device for device in speakers if device.goes_on_alone and not group.fast]
             if speakers:
                 for place, device in enumerate(speakers):
                     wait = 0.0 if group.fast and group.next else device.return_delay
@@ -251,7 +277,7 @@ class Line:
                 return
             if group.fast:
                 return  # the packet ends where a device does not go on with it
-            group.next += 1
+            group.next, group.broken = group.next + 1, True
             now += wire_bytes(read.length, status=True) * _BITS_PER_BYTE / self.host_baud
 
     def _speakers(self, device_id: int, fast: bool, now: float) -> list[Device]:
@@ -272,7 +298,7 @@ class Line:
         if status is not None:
             stop = self._speak(now, group.block(status, read) if group.fast else encode(status))
         if turn.leads:
-            group.next += 1
+            group.next, group.broken = group.next + 1, status is None
             if group.next < len(group.reads):
                 self._plan(stop, lambda at: self._go_on(group, at))
 

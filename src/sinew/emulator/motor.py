@@ -1,8 +1,8 @@
 """An emulated motor: what moves its horn, and the motor as a master sees it.
 
-Not emulated: the secondary (shadow) id, the status with a CRC error, startup_configuration, backups, and the integral,
-derivative and feed-forward gains. Assumed where the manual is silent: torque on is refused with error 1 after a
-shutdown; a watchdog that has tripped takes nothing but 0; what a master asks with malformed parameters gets error 5.
+Not emulated: the secondary (shadow) id, startup_configuration, and the integral, derivative and feed-forward gains.
+Assumed where the manual is silent: torque on is refused with error 1 after a shutdown, and so is restoring without a
+backup; a watchdog that has tripped takes nothing but 0; what a master asks with malformed parameters gets error 5.
 As the manual has it, a new operating mode and a start put goal_current and goal_pwm to their limits, and
 torque on leaves them there: a master that wants a gentle start writes them first.
 """
@@ -453,6 +453,8 @@ _GAINS = ("velocity_p_gain", "position_p_gain")
 _TORQUE, _ERRORS = 64, 70  # addresses that every packet asks for
 _TORQUE_BY_GOAL = 0x08
 _CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
+_STORE, _RESTORE = b"\x01CTRL", b"\x02CTRL"
+_BACKUP_FROM = 45  # firmware of the X430 series (e-Manual, "DYNAMIXEL Protocol 2.0", Control Table Backup)
 _PRESENT = range(120, 148)
 _INDIRECT_START = 168
 
@@ -484,6 +486,7 @@ class Motor(RegisterSet):
         self.protection = Protection(SERVOS[rows.model])
         self.supply = supply
         self.loses: set[str] = set()
+        self._backup: bytes | None = None
         self._servo = Servo(registers, horn)
         self._servo.tells_supply = tells_supply
         self._deaf_until = -math.inf
@@ -578,10 +581,13 @@ class Motor(RegisterSet):
     def carry_out(self, instruction: Instruction, now: float) -> int:
         if instruction.code == ask.CLEAR:
             return self._clear(instruction.params)
+        if instruction.code == ask.CONTROL_TABLE_BACKUP and self.firmware >= _BACKUP_FROM:
+            return self._back_up(instruction.params, now)
         return super().carry_out(instruction, now)
 
     def _begin(self) -> None:
         reset_for_mode(self.registers)
+        self.registers["backup_ready"] = self._backup is not None
         self._watchdog_due = math.inf
         self._servo.forget_turns()
 
@@ -662,4 +668,23 @@ class Motor(RegisterSet):
         if self._servo.is_moving():
             return RESULT_FAIL
         self._servo.forget_turns()
+        return 0
+
+    def _back_up(self, params: bytes, now: float) -> int:
+        """Store the registers that outlive a loss of power, or restore them and start anew.
+
+        The gains, profile and indirect addresses of a backup come back by startup_configuration alone.
+        """
+        if params not in (_STORE, _RESTORE):
+            return DATA_RANGE
+        if self.torque or (params == _RESTORE and self._backup is None):
+            return RESULT_FAIL
+        kept = self.registers.memory
+        stop = self.registers.rows.eeprom_stop
+        if params == _STORE:
+            self._backup = bytes(kept[:stop])
+            self.registers["backup_ready"] = 1
+        elif self._backup is not None:
+            kept[:stop] = self._backup
+            self.restart(now)
         return 0

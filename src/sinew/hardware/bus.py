@@ -162,7 +162,8 @@ class Statistics:
     answers: status packets that belonged to a question. silent, damaged, refused, wrong_length, alerts: of those asked.
     strays: whole packets nobody asked for (late, doubled, of another id). echoes: our own, which the adapter returned;
     they are dropped. rivals: second answers under one id that differ from the first.
-    crc_errors: packets of full length with a wrong CRC. discarded_bytes: belonging to no packet.
+    crc_errors: packets of full length with a wrong CRC. heard_damaged: of the refused, those to an instruction whose CRC
+    was wrong when it reached the device. discarded_bytes: belonging to no packet.
     """
 
     transactions: int = 0
@@ -180,6 +181,7 @@ class Statistics:
     discarded_bytes: int = 0
     echoes: int = 0
     rivals: int = 0
+    heard_damaged: int = 0
 
 
 class Bus:
@@ -418,6 +420,7 @@ class Bus:
         reply = Reply(status.id, Outcome.ANSWERED, status.params, status.number, status.alert, at=self._clock.now())
         if status.number:
             self._statistics.refused += 1
+            self._statistics.heard_damaged += status.number == _CRC_NUMBER
             return replace(reply, outcome=Outcome.REFUSED, data=b"")
         if len(status.params) != length:
             self._statistics.wrong_length += 1

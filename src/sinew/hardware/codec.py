@@ -221,13 +221,14 @@ class Decoder:
     once. Inside a fast status, which is not stuffed, it may be data: then both are followed, and the one that is whole
     and has the right CRC first wins.
 
-    crc_errors: packets of full length whose CRC was wrong.
+    crc_errors: packets of full length whose CRC was wrong. damaged: id and instruction of the newest of them, as received.
     discarded: bytes that belonged to no packet.
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.crc_errors = 0
+        self.damaged = BROADCAST, STATUS
         self.discarded = 0
 
     @property
@@ -296,7 +297,8 @@ class Decoder:
         if not whole:
             return _INCOMPLETE
         if crc16(buffer[at : stop - 2]) != buffer[stop - 2] | buffer[stop - 1] << 8:
-            self.crc_errors += counting
+            if counting:
+                self.crc_errors, self.damaged = self.crc_errors + 1, (device, code)
             return _BROKEN
         if fast:
             return _Found(FastStatus(bytes(buffer[body + 1 : stop])), stop)
@@ -318,6 +320,7 @@ class Decoder:
 # Addresses and lengths are 16-bit numbers, low byte first. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x10
+CONTROL_TABLE_BACKUP = 0x20
 SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x82, 0x83, 0x8A
 BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
 
