@@ -303,6 +303,11 @@ def test_no_type_is_smaller_than_eight_points() -> None:
         natural_frequency_hz[4 mm] => natural frequency 4 mm => Hz
         input_gain_v_per_s2_a => input gain => V/(s² A)
         silicone.torsional_rigidity_n_m2 => silicone torsional rigidity => N m²
+        stiffness_n_m_rad => stiffness => N m/rad
+        damping_n_m_s_rad => damping => N m s/rad
+        cubic_n_m_rad3 => cubic term => N m/rad³
+        swing_cost_at_cheapest_j_rad2 => swing cost at cheapest => J/rad²
+        omega_rad_s => omega => rad/s
     """),
 )
 def test_a_parameters_name_gives_its_words_and_its_unit(name: str, words: str, unit: str) -> None:

@@ -1,5 +1,6 @@
 """The report is one page that holds everything, trusts no text, and leaves out what is not there."""
 
+import math
 import re
 from pathlib import Path
 
@@ -240,11 +241,19 @@ def test_bars_lie_on_a_scale_of_the_bounds() -> None:
         1.23456 => 0.0 => 1.235
     """),
 )
-def test_measured_values_are_cut_at_their_spread(value: str, spread: str, text: str) -> None:
+def test_measured_values_are_cut_at_the_standard_deviation_of_their_mean(value: str, spread: str, text: str) -> None:
     results = sample_results(*SMALL)
-    results["paper_resonance_hz"].values[0] = float(value)
-    results["paper_resonance_std_hz"].values[0] = float(spread)
+    _put(results, "paper_resonance", float(value), float(spread))
     assert measured_tables(results)[0].rows[0][1] == text
+
+
+def _put(results: xr.Dataset, name: str, value: float, std_of_mean: float) -> None:
+    """Put a mean of three repeats into the first pretension: they scatter by √3 of its standard deviation, and the
+    interval is Student's, 2.92 of it."""
+    columns = {"hz": value, "std_hz": math.sqrt(3) * std_of_mean}
+    columns |= {"low_hz": value - 2.919986 * std_of_mean, "high_hz": value + 2.919986 * std_of_mean}
+    for column, number_ in columns.items():
+        results[f"{name}_{column}"].values[0] = number_
 
 
 def _titled(results: xr.Dataset, title: str) -> Table:
@@ -253,8 +262,8 @@ def _titled(results: xr.Dataset, title: str) -> Table:
 
 def test_all_meanings_of_resonance_stand_side_by_side() -> None:
     results = sample_results(*SMALL)
-    results["paper_resonance_hz"].values[0], results["paper_resonance_std_hz"].values[0] = 3.044, 0.004
-    results["resonance_hz"].values[0], results["resonance_std_hz"].values[0] = 3.055, 0.004
+    _put(results, "paper_resonance", 3.044, 0.004)
+    _put(results, "resonance", 3.055, 0.004)
     table = _titled(results, "What resonance means")
     assert table.head[1:3] == ["mean of peaks (Eq. 6) in Hz", "fundamental in Hz"]
     assert table.rows[0][1:3] == ["3.044 ± 0.004", "3.055 ± 0.004"]

@@ -112,6 +112,31 @@ def test_a_table_of_quantities_has_the_unit_beside_the_name() -> None:
     assert r"stiffness / \unit{N.m/rad} & 4.531(27) \\" in latex_table(tables_of(DOCUMENT, ["parameters"])[0])
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("cubic_per_s2_rad2", "1/(s^2.rad^2)"),
+        ("stiffness_n_m_per_rad", "N.m/rad"),
+        ("quadratic_per_s2_rad", "1/(s^2.rad)"),
+        ("coulomb_rad_per_s2", "rad/s^2"),
+        ("damping_n_m_s_rad", "N.m.s/rad"),
+        ("cubic_n_m_rad3", "N.m/rad^3"),
+        ("swing_cost_j_rad2", "J/rad^2"),
+        ("inertia_kg_m2", "kg.m^2"),
+        ("omega_rad_s", "rad/s"),
+    ],
+)
+def test_the_unit_of_a_quantity_is_that_of_its_name(name: str, unit: str) -> None:
+    [line] = [one for one in latex_table(Rows("mine", (name,), ((2.0,),))).splitlines() if r"\unit" in one]
+    assert rf"\unit{{{unit}}}" in line
+
+
+def test_a_number_and_its_standard_deviation_side_by_side_are_one_quantity() -> None:
+    [one] = tables_of({"response": [{"gain": 1.4, "gain_std": 0.0123, "settled": True}]})
+    assert one.columns == ("gain", "settled")
+    assert r"1.400(12) & yes \\" in latex_table(one)
+
+
 def test_texts_are_escaped_for_latex() -> None:
     assert r"50 \% of $\lambda$\_1 \& more" in latex_table(tables_of(DOCUMENT, ["energy_pretensions"])[0])
 

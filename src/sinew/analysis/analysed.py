@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import xarray as xr
-from scipy import special
 
 from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
 from sinew.analysis.broadband.impact import analyse_impacts, impact_json
@@ -25,7 +23,7 @@ from sinew.analysis.doubts import doubt_decays, doubt_samples, doubts_of
 from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
 from sinew.analysis.signal.attitude import tilting
 from sinew.analysis.signal.groups import split_by_drive
-from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.repeats import combine_repeats, interval_rows
 from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
 from sinew.analysis.sweep.coupling import analyse_coupling, coupling_rows
 from sinew.analysis.sweep.energy import estimate_energy
@@ -36,12 +34,8 @@ from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import (
-    MOST_DIGITS,
-    MOST_DIGITS_OF_A_CLOCK,
-    NORMAL_90,
     Estimate,
     finite,
-    fixed,
     number,
     pair,
     shown,
@@ -84,8 +78,8 @@ class Analysed(Told):
             return _broadband_told(document)
         if document.get("pose"):
             told += _space_told(document)
-        if document.get("response") and self.dataset is not None:
-            told.append(_response_table(document["response"], self.dataset))
+        if document.get("response"):
+            told.append(_response_table(document["response"]))
         if document.get("resonance"):
             told.append(_resonance_table(document["resonance"]))
         if document.get("energy"):
@@ -365,9 +359,10 @@ def join_parts(parts: list[xr.Dataset]) -> xr.Dataset:
 def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
     """Return the response table, one row per pretension and frequency that was measured, ready for JSON.
 
-    Numbers without an interval are means over repeats; gain_measured_drive and phase_lag_deg are
-    `{"value", "std", "interval90"}` of that mean, the latter with the delay budget's uncertainty. `settled` is true
-    where every repeat had settled. What was not measured is null. Raises RecordingError where there is no sweep.
+    Numbers without an interval are means over repeats, and gain_std is the standard deviation of that of the gain;
+    gain_measured_drive and phase_lag_deg are `{"value", "std", "interval90"}` of that mean, the latter with the delay
+    budget's uncertainty. `settled` is true where every repeat had settled. What was not measured is null. Raises
+    RecordingError where there is no sweep.
     """
     if "gain" not in results:
         raise RecordingError("these results hold no sweep; analyse a recording with steady segments")
@@ -375,6 +370,8 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
     delay = mean_of_known(columns["phase_delay_std_rad"])
     gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
     lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
+    size = np.where(columns["amplitude_rad"] > 0, columns["amplitude_rad"], np.nan)
+    scatter = combine_repeats(columns["gain"], columns["gain"] * columns["amplitude_std_rad"] / size).std_of_value
     plain, settled = {name: mean_of_known(columns[name]) for name in _PLAIN}, mean_of_known(columns["settled"])
     pretension, frequency = (results[axis].values.tolist() for axis in ("pretension_mm", "frequency_hz"))
     rows = []
@@ -388,6 +385,7 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
             "repeats": repeats,
         }
         row |= {name: finite(float(mean[p, f])) for name, mean in plain.items()}
+        row["gain_std"] = finite(float(scatter[p, f]))
         for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
             numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
             row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()
@@ -508,10 +506,10 @@ def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
         return {}
     part: dict[str, Any] = {"response": response_table_json(results)}
     if "resonance_hz" in results:
-        part["resonance"] = _interval_rows(results, RESONANCES)
+        part["resonance"] = interval_rows(results, RESONANCES)
     if "energy_reduction" in results:  # what a swing costs, and what the servos draw with their torque off
         idle = finite(float(results.attrs.get("idle_power_w", math.nan)))
-        part["energy"] = {"idle_power_w": idle, "pretensions": _interval_rows(results, ENERGY_QUANTITIES)}
+        part["energy"] = {"idle_power_w": idle, "pretensions": interval_rows(results, ENERGY_QUANTITIES)}
     return part
 
 
@@ -528,45 +526,15 @@ def figures_document(path: str | Path) -> tuple[dict[str, Any], xr.Dataset]:
     results = load_part(path, names)
     document: dict[str, Any] = {}
     if "resonance_hz" in results:
-        document["resonance"] = _interval_rows(results, [name for name in RESONANCES if name in results])
+        document["resonance"] = interval_rows(results, [name for name in RESONANCES if name in results])
     if "energy_reduction" in results:
-        document["energy"] = {"pretensions": _interval_rows(results, ("energy_reduction",))}
+        document["energy"] = {"pretensions": interval_rows(results, ("energy_reduction",))}
     if "decay_rate_per_s" in results:
         document["ring_down"] = decay_rows(results)
     return document, results
 
 
 _CONSTANTS = ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad")
-
-
-def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
-    repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
-    columns = {
-        name: np.stack([results.variables[one].values for one in (name, *companions(name))]).T.tolist()
-        for name in names
-    }
-    rows = []
-    for index, pretension in enumerate(results["pretension_mm"].values):
-        row: dict[str, Any] = {"pretension_mm": float(pretension)}
-        for name, numbers in columns.items():
-            value, std, low, high = numbers[index]
-            row[name] = _of_mean(value, std, low, high, int(repeats[index])).to_json()
-        rows.append(row)
-    return rows
-
-
-def _of_mean(value: float, std: float, low: float, high: float, repeats: int) -> Estimate:
-    """Return an estimate whose std is that of the value, from the standard deviation over repeats that results keep.
-
-    What the interval holds beyond Student's of the scatter (the delay budget) is shared by all repeats, and is added.
-    """
-    if repeats < 2 or not math.isfinite(high - low):
-        return Estimate(value, std, low, high)
-    own = std / math.sqrt(repeats)
-    scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
-    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / NORMAL_90
-    return Estimate(value, math.hypot(own, shared), low, high)
 
 
 def decay_rows(results: xr.Dataset) -> list[dict[str, Any]]:
@@ -619,20 +587,13 @@ def _misfit_of_decays(rows: list[dict[str, Any]]) -> str:
     )
 
 
-def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:
+def _response_table(rows: list[dict[str, Any]]) -> Table:
     """Return the essential columns of a sweep; all others are in the JSON document."""
-    gain = results["gain"].values
-    scatter = combine_repeats(gain, np.full(gain.shape, np.nan)).std_of_value
-    where = {
-        (float(p), float(f)): scatter[i, j]
-        for i, p in enumerate(results["pretension_mm"].values)
-        for j, f in enumerate(results["frequency_hz"].values)
-    }
     cells = [
         (
             number(row["pretension_mm"]),
             number(row["frequency_hz"]),
-            pair(row["gain"], where[row["pretension_mm"], row["frequency_hz"]]),
+            pair(row["gain"], row["gain_std"]),
             shown(row["gain_measured_drive"]),
             shown(row["phase_lag_deg"]),
             "yes" if row["settled"] else "no",
@@ -654,10 +615,10 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
         cells = [
             (
                 *map(number, where),
-                *(_shown_angle(of[name]["amplitude_deg"]) for name in ("torsion", "out-of-plane")),
-                _three_digits(of["out-of-plane"]["coupling_ratio"]),
-                _three_digits(of["out-of-plane"]["lag_behind_torsion_deg"]),
-                _shown_angle(of["in-plane"]["second_harmonic_deg"]),
+                *(shown(of[name]["amplitude_deg"]) for name in ("torsion", "out-of-plane")),
+                shown(of["out-of-plane"]["coupling_ratio"]),
+                shown(of["out-of-plane"]["lag_behind_torsion_deg"]),
+                shown(of["in-plane"]["second_harmonic_deg"]),
             )
             for where, of in at.items()
         ]
@@ -676,25 +637,6 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
         columns = ("excitation", "pretension/mm", *list(_DECAY_COLUMNS.values())[:3])
         told.append(Table(columns, cells, "decays in bending: mean ± standard deviation of it"))
     return told
-
-
-_ANGLE_DECIMALS = 4
-"""Below 1e-4° no attitude of a bench is known, whatever the noise of a simulation is."""
-
-
-def _shown_angle(estimate: dict[str, Any]) -> str:
-    """Return an angle in degrees as "value ± std", not finer than a bench knows one."""
-    value, std, least = estimate["value"], estimate["std"], 10.0**-_ANGLE_DECIMALS
-    if value is None or std is None or std >= least:
-        return pair(value, std, most=3)
-    if value >= 1:
-        return pair(value, least, most=3)
-    return f"{fixed(value, _ANGLE_DECIMALS)} ± {fixed(least, _ANGLE_DECIMALS)}"
-
-
-def _three_digits(estimate: dict[str, Any]) -> str:
-    """Return "value ± std" with at most three digits, so that seven columns stay side by side."""
-    return pair(estimate["value"], estimate["std"], most=3)
 
 
 def _resonance_table(rows: list[dict[str, Any]]) -> Table:
@@ -738,14 +680,13 @@ def _energy_told(energy: dict[str, Any]) -> list[Table | str]:
 
 def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Table | str]:
     rows = []
-    for label, key, most in (
-        ("frequency/Hz", "frequency_hz", MOST_DIGITS_OF_A_CLOCK),
-        ("damping ratio", "damping_ratio", MOST_DIGITS),
-        ("decay rate/(1/s)", "decay_rate_per_s", MOST_DIGITS),
+    for label, key in (
+        ("frequency/Hz", "frequency_hz"),
+        ("damping ratio", "damping_ratio"),
+        ("decay rate/(1/s)", "decay_rate_per_s"),
     ):
         one = document[key]
-        low, high = one["interval90"]
-        rows.append((label, pair(one["value"], one["std"], most=most), span(low, high, most=most)))
+        rows.append((label, shown(one), span(*one["interval90"])))
     withheld = document["paper_method"]["withheld"]
     paper = [(key, number(value)) for key, value in document["paper_method"].items() if key != "withheld"]
     unit = response_channel(recording).unit

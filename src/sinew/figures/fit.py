@@ -37,7 +37,7 @@ from sinew.identify.oscillator.record import derivative_order
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, NORMAL_95
+from sinew.measure.estimate import NORMAL_90, NORMAL_95, shown, span, typeset
 from sinew.mechanics.laws import NUMBERS
 
 # ---- corner plot of what is known of several parameters together: each alone, and each pair
@@ -296,7 +296,7 @@ FIT_CAPTIONS = {
 """By the name of the figure's files, in the order of the page."""
 
 
-_HEAD = ["quantity", "unit", "value", "standard deviation", "90 % from", "to"]
+_HEAD = ["quantity", "unit", "value ± std", "90 % interval"]
 _NOTES = {
     "posterior": "From the draws: median, standard deviation, and the 5 % and 95 % quantiles.",
     "bootstrap": "From refitting draws of whole repeats: what changes from one repeat to the next is in these.",
@@ -360,8 +360,7 @@ def _rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
     rows = []
     for name, one in quantities.items():
         words, unit = parameter_label(name)
-        low, high = one["interval90"] or (None, None)
-        rows.append([words, unit, number(one["value"], 5), number(one["std"], 2), number(low, 5), number(high, 5)])
+        rows.append([words, unit, typeset(shown(one)), typeset(span(*(one["interval90"] or (None, None))))])
     return rows
 
 

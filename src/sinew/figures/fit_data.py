@@ -1,7 +1,6 @@
 """Figures of a fitted model: data and curves, steady states, and how frequency and damping go with amplitude."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -22,6 +21,7 @@ from sinew.identify.stepped.curves import backbone_of_response, response_curve
 from sinew.identify.stepped.fit import ResponseFit
 from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.estimate import pair, typeset
+from sinew.measure.units import named_unit
 from sinew.mechanics.laws import NUMBERS
 
 # What a fit found gets the words and units that a figure shows.
@@ -35,11 +35,8 @@ _SHOWN: dict[str, tuple[float, str]] = {
     "N*m": (1.0, "N m"),
     "1": (1.0, ""),
 }
-_UNITS = {
-    "n": "N", "m": "m", "kg": "kg", "s": "s", "rad": "rad", "v": "V", "a": "A", "pa": "Pa", "mm": "mm", "hz": "Hz",
-}  # fmt: skip
 _WORDS = {name: number.word for name, number in NUMBERS.items() if number.absent}
-_POWERS = {"2": "²", "3": "³"}
+_POWERS = {1: "", 2: "²", 3: "³", 4: "⁴", 6: "⁶"}
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -55,25 +52,14 @@ def axis_label(quantity: str, unit: str) -> str:
 
 def parameter_label(name: str) -> tuple[str, str]:
     """Return words and unit of a parameter from its name: "stiffness_n_m_per_rad" gives ("stiffness", "N m/rad")."""
-    found = re.fullmatch(r"(?P<stem>[^\[]*)(?P<group>\[.*\])?", name)
-    assert found is not None
-    tokens, group = re.split(r"[_.]", found["stem"]), found["group"] or ""
-    first = len(tokens)
-    while first > 1 and (tokens[first - 1] == "per" or _unit(tokens[first - 1])):
-        first -= 1
-    words = _WORDS.get(tokens[0], " ".join(tokens[:first])) + (f" {group[1:-1]}" if group else "")
-    above, _, below = " ".join(tokens[first:]).partition("per")
-    top, bottom = ([_unit(token) for token in part.split()] for part in (above, below))
+    stem, bracket, place = name.partition("[")
+    words, *parts = named_unit(stem)
+    top, bottom = ([f"{symbol}{_POWERS[power]}" for symbol, power in part] for part in parts)
+    said = _WORDS.get(words[0], " ".join(words)) + (f" {place[:-1]}" if bracket else "")
     if not bottom:
-        return words, " ".join(top)
+        return said, " ".join(top)
     under = f"({' '.join(bottom)})" if len(bottom) > 1 else bottom[0]
-    return words, f"{' '.join(top) or '1'}/{under}"
-
-
-def _unit(token: str) -> str:
-    """Return a unit as print has it from its token in a name ("s2" gives "s²"); empty for what is no unit."""
-    plain, power = (token[:-1], token[-1]) if token[-1:] in _POWERS else (token, "")
-    return _UNITS[plain] + _POWERS.get(power, "") if plain in _UNITS else ""
+    return said, f"{' '.join(top) or '1'}/{under}"
 
 
 def value_and_std(value: float, std: float) -> str:

@@ -19,12 +19,11 @@ from matplotlib.figure import Figure
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.analysis.run_index import QUANTITIES
 from sinew.analysis.run_trend import Trend
+from sinew.analysis.signal.repeats import interval_rows
 from sinew.figures.style import MARKERS, in_style, new_figure, pretension_colours, save_figure
 from sinew.measure import estimate
-from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.doors import write_text
 from sinew.measure.estimate import DIGITS, typeset
-from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
 
 if TYPE_CHECKING:
@@ -103,16 +102,6 @@ _COLUMNS = (
 )
 
 
-def energy_columns(results: "xr.Dataset") -> list[tuple[str, Array, Array]]:
-    """Return (head, value, standard deviation over repeats) of every column, (p,); empty without the energy part."""
-    if "energy_reduction" not in results:
-        return []
-    return [
-        (head, factor * results[name].values, factor * results[companions(name)[0]].values)
-        for head, name, factor in _COLUMNS
-    ]
-
-
 def energy_note(results: "xr.Dataset") -> str:
     """Return what the columns mean, and what is in none of them; empty without the energy part."""
     if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
@@ -142,7 +131,8 @@ class Table:
     note: str
 
 
-Column = tuple[str, Array, Array]
+Column = tuple[str, str, float]
+"""Head of a column, the quantity of the results in it, and the factor to its unit."""
 
 
 def number(value: float | None, digits: int = DIGITS) -> str:
@@ -161,19 +151,27 @@ def measured_tables(results: "xr.Dataset") -> list[Table]:
     notes = (str(results.attrs.get("resonance_notes", "")), _MEANT, _verdict(results), energy_note(results))
     parts = (
         ("Resonance", _resonance(results)),
-        ("What resonance means", _meanings(results)),
-        ("Ring-down", _decay(results)),
-        ("Energy", energy_columns(results)),
+        ("What resonance means", _meanings()),
+        ("Ring-down", _decay()),
+        ("Energy", list(_COLUMNS)),
     )
     for (title, columns), note in zip(parts, notes, strict=True):
-        known = [column for column in columns if np.isfinite(column[1]).any()]
+        known = [column for column in columns if column[1] in results and np.isfinite(results[column[1]]).any()]
         if not known:
             continue
-        at = np.flatnonzero(np.any([np.isfinite(value) for _, value, _ in known], axis=0))
-        pretension = results["pretension_mm"].values
-        rows = [[number(pretension[p]), *(_pair(value[p], spread[p]) for _, value, spread in known)] for p in at]
+        means = interval_rows(results, [name for _, name, _ in known])
+        rows = [
+            [number(row["pretension_mm"]), *(_mean(row[name], factor) for _, name, factor in known)]
+            for row in means
+            if any(row[name]["value"] is not None for _, name, _ in known)
+        ]
         tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows, note))
     return tables
+
+
+def _mean(one: Mapping[str, Any], factor: float) -> str:
+    """Return a mean as "value ± std", the standard deviation that of the mean, in a unit that is 1/factor as large."""
+    return typeset(estimate.pair(*(None if one[key] is None else factor * one[key] for key in ("value", "std"))))
 
 
 def window_table(results: "xr.Dataset") -> Table | None:
@@ -209,18 +207,14 @@ _MEANT = (
 )
 
 
-def _meanings(results: "xr.Dataset") -> list[Column]:
+def _meanings() -> list[Column]:
     heads = {
         "paper_resonance_hz": "mean of peaks (Eq. 6) in Hz",
         "resonance_hz": "fundamental in Hz",
         "resonance_measured_drive_hz": "fundamental by measured drive in Hz",
         "phase_90_hz": "90° lag in Hz",
     }
-    return [
-        (head, results[name].values, results[companions(name)[0]].values)
-        for name, head in heads.items()
-        if name in results
-    ]
+    return [(head, name, 1.0) for name, head in heads.items()]
 
 
 def _verdict(results: "xr.Dataset") -> str:
@@ -241,36 +235,23 @@ def _resonance(results: "xr.Dataset") -> list[Column]:
     scale, drive = (180 / math.pi, "degrees") if units[1] == "rad" else (1.0, units[1])
     per = "" if units[0] == units[1] else f" in {units[0]} per {units[1]}"
     return [
-        (head, factor * results[name].values, factor * results[std].values)
-        for head, name, std, factor in (
-            ("resonance (Eq. 6) in Hz", "paper_resonance_hz", "paper_resonance_std_hz", 1.0),
-            (f"gain{per}", "paper_gain_peak", "paper_gain_peak_std", 1.0),
-            (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
-            ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
-            (f"drive in {drive}", "drive_amplitude_at_resonance_rad", "drive_amplitude_at_resonance_std_rad", scale),
-        )
+        ("resonance (Eq. 6) in Hz", "paper_resonance_hz", 1.0),
+        (f"gain{per}", "paper_gain_peak", 1.0),
+        (f"gain by measured drive{per}", "gain_peak_measured_drive", 1.0),
+        ("half-power width in Hz", "half_power_width_hz", 1.0),
+        (f"drive in {drive}", "drive_amplitude_at_resonance_rad", scale),
     ]
 
 
-def _decay(results: "xr.Dataset") -> list[Column]:
-    if "paper_lehr_damping" not in results:
-        return []
+def _decay() -> list[Column]:
     return [
-        (head, *mean_and_spread(results[name].values))
-        for head, name in (
-            ("λ in 1/s", "paper_decay_rate_per_s"),
-            ("⟨ω⟩ in rad/s", "paper_omega_rad_s"),
-            ("D (paper)", "paper_lehr_damping"),
-            ("D (direct fit)", "damping_ratio"),
-            ("d in N m s/rad", "paper_damping_n_m_s_rad"),
-            ("k in N m/rad", "paper_stiffness_n_m_rad"),
-        )
+        ("λ in 1/s", "paper_decay_rate_per_s", 1.0),
+        ("⟨ω⟩ in rad/s", "paper_omega_rad_s", 1.0),
+        ("D (paper)", "paper_lehr_damping", 1.0),
+        ("D (direct fit)", "damping_ratio", 1.0),
+        ("d in N m s/rad", "paper_damping_n_m_s_rad", 1.0),
+        ("k in N m/rad", "paper_stiffness_n_m_rad", 1.0),
     ]
-
-
-def _pair(value: float, spread: float) -> str:
-    """Return `value ± spread`, its digits by the spread; a dash for what is not known."""
-    return typeset(estimate.pair(value, spread))
 
 
 def _readable(unit: str) -> str:

@@ -2,10 +2,10 @@
 
 The digits of a number follow its uncertainty by the rule of the Particle Data Group (Review of Particle Physics,
 Introduction, 5.3): two significant digits of the half-width or standard deviation where its first three lie between
-100 and 354, else one, and 0.95 to 0.99 become 1.0; value and ends of the interval have the same decimals. Two bounds
-hold where the uncertainty is no guide: what has none shows four significant digits, and no value shows more than five,
-for no sensor of a bench is linear to better than some 1e-4; an uncertainty below the last of them is rounded up to it.
-JSON keeps every digit.
+100 and 354, else one, and 0.95 to 0.99 become 1.0; value and ends of the interval have the same decimals. So a
+terminal, a page and a table for a paper show the standard deviation that JSON holds with every digit. What has no
+uncertainty shows four significant digits, and so does a value whose uncertainty is below the round-off of double
+precision: there it says nothing of what was measured.
 """
 
 import math
@@ -19,10 +19,9 @@ NORMAL_95 = 1.959963984540054
 """Half width of a normal 95 % interval by its standard deviation."""
 DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
-MOST_DIGITS = 5
-"""Significant digits of a value beyond which its uncertainty is not followed."""
-MOST_DIGITS_OF_A_CLOCK = 7
-"""The same of a frequency that was measured by a clock: quartzes are good to some 1e-5, and agree better than that."""
+ROUND_OFF = 1e-12
+"""Of a value or of data: what is this small is round-off. A double has 1.1e-16 of it, which a fit of thousands of
+samples adds up to some 1e-13."""
 UNKNOWN = "–"
 """What stands for a number that is not known."""
 
@@ -121,34 +120,40 @@ def fixed(value: float | None, decimals: int, unit: str = "") -> str:
     return _with_unit(_plain(value, decimals), unit)
 
 
-def pair(value: float | None, half: float | None, unit: str = "", most: int = MOST_DIGITS) -> str:
+def pair(value: float | None, half: float | None, unit: str = "") -> str:
     """Return "value ± half unit" with the decimals that the half-width gives; the value alone where it has none.
 
-    half: standard deviation or half-width of the interval, in the value's unit. most: significant digits of the value.
+    half: standard deviation or half-width of the interval, in the value's unit.
     """
-    if not _known(value) or value is None or not half or not math.isfinite(half) or not math.isfinite(value):
+    if (digits := _digits(value, half)) is None:
         return number(value, unit=unit)
-    half = abs(half)
-    decimals, coarse = _decimals(value, half, most)
-    exponent = _exponent(value, half, decimals)
-    scale, places = 10.0**exponent, decimals + exponent
-    said = _up(half / scale, places) if coarse else half / scale
-    text = f"{_plain(value / scale, places)} ± {_plain(said, places)}"
+    shown, uncertainty, _, exponent = digits
+    text = f"{shown} ± {uncertainty}"
     return _with_unit(text if exponent == 0 else f"({text})e{exponent:+03d}", unit)
 
 
-def parenthesised(value: float | None, std: float | None, most: int = MOST_DIGITS) -> str:
+def parenthesised(value: float | None, std: float | None) -> str:
     """Return "3.021(20)", the uncertainty in units of the last digits, as siunitx and CODATA write it; with an exponent
     "1.23(4)e+08". The value alone where it has none."""
-    if not _known(value) or value is None or not std or not math.isfinite(std) or not math.isfinite(value):
+    if (digits := _digits(value, std)) is None:
         return number(value)
-    std = abs(std)
-    decimals, coarse = _decimals(value, std, most)
-    exponent = _exponent(value, std, decimals)
+    shown, uncertainty, places, exponent = digits
+    last = str(round(float(uncertainty) * 10.0 ** max(0, places)))
+    return f"{shown}({last}){f'e{exponent:+03d}' if exponent else ''}"
+
+
+def _digits(value: float | None, half: float | None) -> tuple[str, str, int, int] | None:
+    """Return value and uncertainty in the digits that this gives them, their decimals, and the power of ten that both
+    are to be multiplied by; None where there is no uncertainty to show."""
+    if value is None or half is None or not (math.isfinite(value) and math.isfinite(half)):
+        return None
+    half = abs(half)
+    if half <= ROUND_OFF * abs(value):
+        return None
+    decimals = _decimals(half)
+    exponent = _exponent(value, half, decimals)
     scale, places = 10.0**exponent, decimals + exponent
-    said = _up(std / scale, places) if coarse else std / scale
-    digits = _plain(said * 10.0 ** max(0, places), min(0, places))
-    return f"{_plain(value / scale, places)}({digits}){f'e{exponent:+03d}' if exponent else ''}"
+    return _plain(value / scale, places), _plain(half / scale, places), places, exponent
 
 
 def interval(value: float | None, low: float | None, high: float | None, unit: str = "") -> str:
@@ -162,13 +167,13 @@ def interval(value: float | None, low: float | None, high: float | None, unit: s
     return f"{_with_unit(text, unit)} ({first} to {last})"
 
 
-def span(low: float | None, high: float | None, unit: str = "", most: int = MOST_DIGITS) -> str:
-    """Return "low to high unit", both with the decimals that half their distance gives; most: significant digits."""
+def span(low: float | None, high: float | None, unit: str = "") -> str:
+    """Return "low to high unit", both with the decimals that half their distance gives."""
     if not _known(low) and not _known(high):
         return UNKNOWN
     ends = [end for end in (low, high) if end is not None and math.isfinite(end)]
     middle = sum(ends) / len(ends) if ends else 0.0
-    return _with_unit(" to ".join(_in_step(middle, low, high, most)[1]), unit)
+    return _with_unit(" to ".join(_in_step(middle, low, high)[1]), unit)
 
 
 def shown(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
@@ -205,13 +210,10 @@ def _power(value: float) -> int:
     return 0 if value == 0 else math.floor(math.log10(abs(value)))
 
 
-def _decimals(value: float, half: float, digits: int = MOST_DIGITS) -> tuple[int, bool]:
-    """Return the decimals that an uncertainty gives a value, negative ones for tens; and whether the value's digits
-    ended first."""
+def _decimals(half: float) -> int:
+    """Return the decimals that an uncertainty gives a value, negative ones for tens."""
     power = _power(half)
-    wanted = (1 if round(half / 10.0**power, 2) < _TWO_DIGITS_BELOW else 0) - power  # 0.96 becomes 1.0, as 0.996 does
-    most = digits - 1 - _power(value) if value else wanted
-    return min(wanted, most), wanted > most
+    return (1 if round(half / 10.0**power, 2) < _TWO_DIGITS_BELOW else 0) - power  # 0.96 becomes 1.0, as 0.996 does
 
 
 def _exponent(value: float, half: float, decimals: int) -> int:
@@ -220,36 +222,25 @@ def _exponent(value: float, half: float, decimals: int) -> int:
     return 0 if _PLAIN_FROM <= power <= _PLAIN_TO and decimals <= 7 else power
 
 
-def _in_step(
-    value: float, low: float | None, high: float | None, most: int = MOST_DIGITS
-) -> tuple[str, tuple[str, str]]:
-    """Return value and both ends as text with the same decimals; an end that rounds onto the other is rounded away."""
+def _in_step(value: float, low: float | None, high: float | None) -> tuple[str, tuple[str, str]]:
+    """Return value and both ends as text with the same decimals."""
     known = [end for end in (low, high) if end is not None and math.isfinite(end)]
     width = abs(known[-1] - (known[0] if len(known) > 1 else value)) / (2 if len(known) > 1 else 1) if known else 0.0
-    if width == 0:
+    if width <= ROUND_OFF * max(map(abs, (value, *known))):
         return number(value), (_end(low, number), _end(high, number))
-    decimals, coarse = _decimals(max((value, *known), key=abs), width, most)
+    decimals = _decimals(width)
     exponent = _exponent(value, width, decimals)
     scale, places = 10.0**exponent, decimals + exponent
     tail = "" if exponent == 0 else f"e{exponent:+03d}"
 
-    def down(end: float) -> str:
-        return f"{_plain(-_up(-end / scale, places) if coarse else end / scale, places)}{tail}"
+    def written(one: float) -> str:
+        return f"{_plain(one / scale, places)}{tail}"
 
-    def up(end: float) -> str:
-        return f"{_plain(_up(end / scale, places) if coarse else end / scale, places)}{tail}"
-
-    return f"{_plain(value / scale, places)}{tail}", (_end(low, down), _end(high, up))
+    return written(value), (_end(low, written), _end(high, written))
 
 
 def _end(end: float | None, finite: Any) -> str:
     return number(end) if not _known(end) or math.isinf(end or 0.0) else str(finite(end))
-
-
-def _up(value: float, places: int) -> float:
-    """Return a value rounded up to so many places; what lies on one of them but for the last bits stays."""
-    scale = 10.0**places
-    return math.ceil(value * scale - 1e-9) / scale
 
 
 def _plain(value: float, places: int) -> str:

@@ -57,7 +57,8 @@ class Told(ABC):
         from rich.console import Console
 
         text = io.StringIO()
-        console = Console(file=text, width=_WIDTH, color_system=None)
+        # rich writes to a notebook's display instead of the file, unless it is kept from looking for one
+        console = Console(file=text, width=_WIDTH, color_system=None, force_jupyter=False)
         for one in self.told():
             if isinstance(one, Table):
                 one.put_on(console)

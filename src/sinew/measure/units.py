@@ -11,7 +11,7 @@ import tokenize
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sinew.measure.errors import UnitError
 
@@ -280,6 +280,48 @@ def unit_in_name(column: str) -> str | None:
         if column.lower().endswith(f"_{suffix}"):
             return _SUFFIXES[suffix]
     return None
+
+
+_TOKENS = {"hz": "Hz", "v": "V", "n": "N", "a": "A", "w": "W", "j": "J", "pa": "Pa"} | {
+    one: one for one in ("m", "mm", "kg", "s", "ms", "rad", "deg")
+}
+
+
+class NamedUnit(NamedTuple):
+    """A name taken apart: its words, and the units above and below the stroke, each (symbol, power)."""
+
+    words: tuple[str, ...]
+    above: tuple[tuple[str, int], ...]
+    below: tuple[tuple[str, int], ...]
+
+
+def named_unit(name: str) -> NamedUnit:
+    """Return words and unit of a quantity from its name in a document, which ends with the unit.
+
+    Units behind `per` are below the stroke: `stiffness_n_m_per_rad`, `cubic_per_s2_rad2` [1/(s² rad²)]. Without it the
+    angle of a torque or an energy is, `stiffness_n_m_rad` [N m/rad], and what follows an angle or a length is,
+    `omega_rad_s`.
+    """
+    tokens = tuple(re.split(r"[_.]", name))
+    first = len(tokens)
+    while first > 1 and (tokens[first - 1] == "per" or _token(tokens[first - 1])):
+        first -= 1
+    unit = tokens[first:]
+    if "per" in unit:
+        cut = unit.index("per")
+        above, below = unit[:cut], unit[cut + 1 :]
+    else:
+        parts = [one[0] for one in map(_token, unit) if one]
+        of_angle = len(unit) > 1 and parts[-1] in ("rad", "deg")
+        over = len(unit) == 2 and parts[0] in ("rad", "deg", "m", "mm")
+        above, below = (unit[:-1], unit[-1:]) if of_angle or over else (unit, ())
+    return NamedUnit(tokens[:first], *(tuple(filter(None, map(_token, part))) for part in (above, below)))
+
+
+def _token(token: str) -> tuple[str, int] | None:
+    """Return symbol and power of a unit in a name ("s2" gives ("s", 2)), None of what is no unit."""
+    found = re.fullmatch(r"([a-z]+?)([2-6]?)", token)
+    return (_TOKENS[found[1]], int(found[2] or 1)) if found and found[1] in _TOKENS else None
 
 
 def unit_suffix(unit: str) -> str | None:

@@ -17,9 +17,8 @@ from sinew.figures import page, response
 from sinew.figures.decay import draw_damping, draw_decay
 from sinew.figures.motion import draw_lissajous, draw_phase_portraits
 from sinew.figures.style import save_figures
-from sinew.measure import estimate
 from sinew.measure.arrays import Array
-from sinew.measure.estimate import Estimate, interval, span, typeset
+from sinew.measure.estimate import Estimate, span, typeset
 from sinew.measure.recording import SOURCES
 from sinew.measure.tasks import Hand
 from sinew.paper.answers.answer import Answer, Cell
@@ -261,24 +260,16 @@ def _shown(answer: Answer) -> dict[str, Any]:
         "verdict": answer.verdict,
         "told": answer.told,
         "sentences": answer.sentences,
-        "numbers": [(name, *_cells(one)) for name, one in answer.numbers.items()],
+        "numbers": [(name, _cell(one), typeset(span(one.low, one.high))) for name, one in answer.numbers.items()],
         "head": names,
         "rows": [[_cell(row.get(name, math.nan)) for name in names] for row in answer.rows],
     }
 
 
-def _cells(one: Estimate) -> tuple[str, str, str]:
-    """Return value, standard deviation and interval, all with the digits that the interval gives."""
-    known = not (math.isnan(one.low) or math.isnan(one.high))
-    value = interval(one.value, one.low, one.high).split(" (")[0] if known else estimate.pair(one.value, one.std)
-    spread = page.number(one.std, 2) if math.isfinite(one.std) else "–"
-    return typeset(value.split(" ±")[0]), spread, typeset(span(one.low, one.high)) if known else "–"
-
-
 def _cell(cell: Cell) -> str:
     if not isinstance(cell, Estimate):
         return page.number(cell)
-    return typeset(estimate.pair(cell.value, 0.5 * (cell.high - cell.low)))
+    return typeset(cell.shown() if math.isfinite(cell.std) else cell.shown_interval())
 
 
 FIGURES: dict[str, Callable[[xr.Dataset, xr.Dataset], Figure | None]] = {

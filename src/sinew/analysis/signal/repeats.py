@@ -3,13 +3,16 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import special
 
 from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.estimate import NORMAL_90, Estimate
+from sinew.measure.schema import companions
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,45 @@ def combine_repeats(
     shared = np.asarray(systematic, dtype=float)
     half = np.where(usable, np.hypot(factor * own, NORMAL_90 * shared), np.nan)
     return Interval(mean, std, np.hypot(own, shared), mean - half, mean + half)
+
+
+def interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return one row for each pretension, each quantity as `Estimate.to_json`: the mean over the repeats with the
+    standard deviation and the interval of that mean.
+
+    names: of quantities over pretension with their companions, or of those over pretension and repeat.
+    """
+    means = {name: _means(results, name) for name in names}
+    return [
+        {"pretension_mm": float(pretension)} | {name: mean[index].to_json() for name, mean in means.items()}
+        for index, pretension in enumerate(results["pretension_mm"].values)
+    ]
+
+
+def _means(results: xr.Dataset, name: str) -> list[Estimate]:
+    values = results.variables[name].values
+    if values.ndim > 1:
+        own = f"{name}_std"
+        mean = combine_repeats(values, results.variables[own].values if own in results else values * np.nan)
+        return [
+            Estimate(*map(float, row)) for row in zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True)
+        ]
+    repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
+    columns = np.stack([results.variables[one].values for one in (name, *companions(name))]).T.tolist()
+    return [_of_mean(*row, int(count)) for row, count in zip(columns, repeats, strict=True)]
+
+
+def _of_mean(value: float, std: float, low: float, high: float, repeats: int) -> Estimate:
+    """Return an estimate whose std is that of the value, from the standard deviation over repeats that results keep.
+
+    What the interval holds beyond Student's of the scatter (the delay budget) is shared by all repeats, and is added.
+    """
+    if repeats < 2 or not math.isfinite(high - low):
+        return Estimate(value, std, low, high)
+    own = std / math.sqrt(repeats)
+    scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
+    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / NORMAL_90
+    return Estimate(value, math.hypot(own, shared), low, high)
 
 
 @dataclass(frozen=True)

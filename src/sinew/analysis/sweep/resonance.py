@@ -18,10 +18,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.coloured_noise import solve_damped, unit_columns
-from sinew.analysis.signal.repeats import Interval, combine_repeats
+from sinew.analysis.signal.repeats import Interval, combine_repeats, interval_rows
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, Complexes, Mask, mean_of_known, wrapped_lag
-from sinew.measure.estimate import Estimate
 from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
 from sinew.measure.schema import RESULT_VARIABLES, companions
 
@@ -792,16 +791,12 @@ def resonance_table(results: xr.Dataset) -> list[dict[str, Any]]:
     """Return each meaning of resonance beside the others, one row for each pretension, ready for JSON.
 
     results: of a sweep. Keys: `pretension_mm`, and those of `MEANINGS`, each `{"value", "std", "interval90"}` with the
-    standard deviation over repeats; None where it could not be read. Empty without a resonance.
+    standard deviation of the mean over repeats; None where it could not be read. Empty without a resonance.
     """
     if "resonance_hz" not in results:
         return []
-    rows = []
-    for p, pretension in enumerate(results["pretension_mm"].values):
-        row: dict[str, Any] = {"pretension_mm": float(pretension)}
-        for name in (known for known in MEANINGS if known in results):
-            names = (name, *companions(name))
-            one = Estimate(*(float(results[key].values[p]) for key in names))
-            row[name] = one.to_json() if math.isfinite(one.value) else None
-        rows.append(row)
-    return rows
+    rows = interval_rows(results, [name for name in MEANINGS if name in results])
+    return [
+        {name: None if isinstance(one, dict) and one["value"] is None else one for name, one in row.items()}
+        for row in rows
+    ]

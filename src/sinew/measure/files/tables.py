@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import UNKNOWN, number, parenthesised
+from sinew.measure.units import named_unit
 
 FORMATS = {"latex": ".tex", "csv": ".csv"}
 
@@ -32,28 +33,6 @@ _MATHS = {
 """What texts of results have beyond plain letters, so that any LaTeX takes it."""
 _SPECIAL |= {sign: f"${macro}$" for sign, macro in _MATHS.items()}
 _SPECIAL |= {"“": "``", "”": "''", "’": "'", "–": "--"}
-_UNITS = {
-    "n_m_s_rad": "N.m.s/rad",
-    "n_m_rad3": "N.m/rad^3",
-    "n_m_rad": "N.m/rad",
-    "kg_m2": "kg.m^2",
-    "j_rad2": "J/rad^2",
-    "rad_s": "rad/s",
-    "n_m": "N.m",
-    "per_s2": "1/s^2",
-    "per_s": "1/s",
-    "mm": "mm",
-    "hz": "Hz",
-    "deg": r"\degree",
-    "rad": "rad",
-    "s": "s",
-    "m": "m",
-    "n": "N",
-    "a": "A",
-    "w": "W",
-    "j": "J",
-}
-"""Units at the ends of names in documents, as siunitx takes them; longer endings first."""
 _NUMBER = re.compile(
     r"(?P<sign>-?)(?P<whole>\d+)\.?(?P<part>\d*)(?:\((?P<last>\d+)\))?(?:e(?P<below>-?)(?P<power>\d+))?"
 )
@@ -117,11 +96,22 @@ def _found(name: str, part: Mapping[str, Any]) -> Iterator[Rows]:
             yield from _found(path, cell)
         elif isinstance(cell, list) and cell and all(isinstance(row, Mapping) for row in cell):
             rows = [
-                {k: c for k, c in row.items() if is_quantity(c) or not isinstance(c, Mapping | list)} for row in cell
+                {k: c for k, c in _joined(row).items() if is_quantity(c) or not isinstance(c, Mapping | list)}
+                for row in cell
             ]
             columns = tuple(dict.fromkeys(k for row in rows for k in row))
             if columns:
                 yield Rows(path, columns, tuple(tuple(row.get(k) for k in columns) for row in rows))
+
+
+def _joined(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row in which a number and the standard deviation beside it, `gain` and `gain_std`, are one quantity."""
+    beside = {name for name in row if f"{name}_std" in row}
+    return {
+        name: {"value": cell, "std": row[f"{name}_std"]} if name in beside else cell
+        for name, cell in row.items()
+        if name.removesuffix("_std") not in beside or name in beside
+    }
 
 
 def csv_table(table: Rows) -> str:
@@ -212,10 +202,19 @@ def _stacked(column: str) -> str:
 
 
 def _name_and_unit(column: str) -> tuple[str, str]:
+    """Return the words of a name, and its unit as siunitx takes it; empty for a plain number."""
     stem, bracket, place = column.partition("[")
-    ending = next((ending for ending in _UNITS if stem.endswith(f"_{ending}")), None)
-    name = stem if ending is None else stem.removesuffix(f"_{ending}")
-    return _words(name + bracket + place), "" if ending is None else f"\\unit{{{_UNITS[ending]}}}"
+    words, *parts = named_unit(stem)
+    above, below = (
+        ".".join(_SIUNITX.get(unit, unit) + (f"^{power}" if power > 1 else "") for unit, power in part)
+        for part in parts
+    )
+    if below:
+        above = f"{above or '1'}/{f'({below})' if '.' in below else below}"
+    return _words("_".join(words) + bracket + place), f"\\unit{{{above}}}" if above else ""
+
+
+_SIUNITX = {"deg": r"\degree"}
 
 
 def _words(name: str) -> str:
