@@ -124,7 +124,15 @@ def test_a_comma_between_digits_is_refused_next_to_another_separator(text: str) 
 
 @pytest.mark.parametrize(
     ("text", "numbers"),
-    [("2,5", [2, 5]), (" [0,6] ", [0, 6]), ("2, 5", [2, 5]), ("0,4,8,12", [0, 4, 8, 12]), ("3.2,3.6", [3.2, 3.6]), ("2; 5", [2, 5]), ("2.5", [2.5])],
+    [
+        ("2,5", [2, 5]),
+        (" [0,6] ", [0, 6]),
+        ("2, 5", [2, 5]),
+        ("0,4,8,12", [0, 4, 8, 12]),
+        ("3.2,3.6", [3.2, 3.6]),
+        ("2; 5", [2, 5]),
+        ("2.5", [2.5]),
+    ],
 )
 def test_a_list_is_read_where_its_commas_can_only_separate(text: str, numbers: list[float]) -> None:
     assert number_list(text) == numbers

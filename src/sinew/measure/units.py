@@ -1,6 +1,6 @@
 """Units and numbers as people write them: a unit becomes SI and radians, a text becomes numbers or a sentence why not.
 
-Decimals have a point. Where a list is expected, commas, semicolons and blanks separate its numbers, so "2,5" is 2 and 5.
+Decimals have a point. Where a list is expected, commas, semicolons and blanks separate its numbers: "2,5" is 2 and 5.
 Only a comma between two digits next to another separator, as in "1,5; 2,5", may be a decimal comma; it is refused.
 """
 

@@ -489,7 +489,7 @@ def _oscillator(
     given = "--torque-n-m" if base is None else "--base-deg"
     level, *more = console.number_list(given, str(torque if base is None else base), "a finite number")
     if more:
-        raise SpecError(f"{given} holds {1 + len(more)} levels, expected one; only a fit of sinew identify takes several")
+        raise SpecError(f"{given} holds {1 + len(more)} levels, expected one; a fit of sinew identify takes several")
     drive = {"torque": level} if base is None else {"base": math.radians(level)}
     one = Oscillator(**values, **drive).checked()
     band_hz = console.checked_band(
