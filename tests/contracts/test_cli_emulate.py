@@ -228,7 +228,7 @@ def test_the_help_names_every_kind_of_fault(kind: str, capsys: pytest.CaptureFix
     --fault meteor => unknown fault 'meteor'
     --fault overheat:motor=9 => no motor 9
     --slack 1,2,3 => expected 4 numbers
-    --slack a,b,c,d => expected 4 numbers
+    --slack a,b,c,d => 4 numbers from 0 to 50 mm
     --baud 12345 => 12345 baud
     --rig papre => did you mean paper
     --speed 0 => --speed

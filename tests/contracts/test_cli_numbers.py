@@ -9,6 +9,7 @@ import pytest
 import typer
 
 from sinew.apps.cli import app, main
+from sinew.apps.console import NumbersCommand
 from sinew.predict.joints.validity import Check, doubt_broken_curves
 
 PREDICT = ("predict", "paper", "--pretension-mm", "4")
@@ -29,7 +30,7 @@ EMULATE = ("emulate", "--for", "1")
 NEVER = ("nan", "inf", "-1", "1e9", "")
 ASKED: list[tuple[tuple[str, ...], str, tuple[str, ...]]] = [
     *((PREDICT, option, NEVER) for option in ("--pretension-mm", "--amplitude-deg", "--to-hz", "--from-hz", "--bands")),
-    (PREDICT, "--pretension-mm", ("400", "16.01", "4,,8", "4,nan", "2,5", "0, -0.1")),
+    (PREDICT, "--pretension-mm", ("400", "16.01", "4,,8", "4,nan", "1,5; 2,5", "0, -0.1")),
     (PREDICT, "--from-hz", ("0", "6")),
     *((PREDICT, option, NEVER) for option in ("--seed", "--length-mm", "--head-mass-kg")),
     (PREDICT, "--bend-deg", (*NEVER, "61")),
@@ -89,9 +90,28 @@ def test_what_nobody_can_mean_is_refused_in_one_line(
     assert list(here.iterdir()) == []
 
 
+def test_two_numbers_with_a_comma_are_a_list_where_an_option_takes_a_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["transfer", "paper", "--pretension-mm", "0,6", "--json"]) == 0
+    assert [joint["pretension_mm"] for joint in json.loads(capsys.readouterr().out)["joints"]] == [0, 6]
+
+
+@pytest.mark.slow
+def test_modes_takes_two_pretensions_and_two_bends_with_commas(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["--pretension-mm", "0,6", "--bend-deg", "0,10", "--bands", "0"]
+    assert main(["modes", "paper", *asked, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["poses"]
+    assert {(row["pretension_mm"], row["bend_deg"]) for row in rows} == {(0, 0), (0, 10), (6, 0), (6, 10)}
+
+
+def test_an_oscillator_refuses_two_levels_of_its_drive(capsys: pytest.CaptureFixture[str]) -> None:
+    words = list(OSCILLATOR)
+    words[-1] = "1,2"
+    assert main(words) == 2
+    assert "--torque-n-m holds 2 levels, expected one" in capsys.readouterr().err
+
+
 def test_every_command_refuses_a_number_that_is_none() -> None:
-    kinds = {type(one).__name__ for one in typer.main.get_group(app).commands.values()}
-    assert kinds == {"NumbersCommand"}
+    assert all(isinstance(one, NumbersCommand) for one in typer.main.get_group(app).commands.values())
 
 
 def test_an_option_that_ends_with_its_equals_sign_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

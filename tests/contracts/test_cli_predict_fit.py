@@ -44,7 +44,7 @@ def fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.slow
 def test_the_document_has_the_keys_of_the_reference(fits: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = answered(
-        capsys, "predict", "length.json", "--torque", "1, 2:V", "--through", "2.8:5+-0.1:mm@2", *FEW, "--out", "out"
+        capsys, "predict", "length.json", "--torque", "1,2:V", "--through", "2.8:5+-0.1:mm@2", *FEW, "--out", "out"
     )
     assert set(found) == {
         "fit", "model", "unit", "drive", "through", "levels", "harmonics", "error_estimate", "draws", "remarks"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.unit.bench_ward import Ward
@@ -10,7 +11,7 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.bench.doctor import Fix, apply_fixes, examine_port, list_fixes, search_bauds
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.serial_port import LatencyTimer, find_latency_timer
+from sinew.hardware.serial_port import LatencyTimer, find_latency_timer, is_ftdi
 
 
 @pytest.fixture
@@ -87,6 +88,16 @@ def test_a_timer_that_may_not_be_written_is_told_with_the_command_for_it(ward: W
 @pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/4", "bench"])
 def test_a_port_without_such_an_adapter_has_no_timer(tmp_path: Path, port: str) -> None:
     assert find_latency_timer(port, tmp_path) is None
+
+
+def test_an_ftdi_adapter_whose_timer_is_not_shown_is_named_with_its_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS, where nothing lists the timer."""
+    device = "/dev/cu.usbserial-FT4THV1R"
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [SimpleNamespace(device=device, vid=0x0403)])
+    (found,) = examine_port(None, 1_000_000, 1_000_000, of_ftdi=is_ftdi(device))
+    assert (found.severity, found.fixable, found.expected) == ("warning", False, "1 ms")
+    assert "16 ms unless it was set" in found.found
+    assert not is_ftdi("/dev/cu.usbmodem14101")
 
 
 def test_a_link_to_the_port_leads_to_its_timer(tmp_path: Path) -> None:

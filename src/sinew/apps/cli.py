@@ -99,7 +99,10 @@ class _Commands(Mapping[str, TyperCommand]):
     def __getitem__(self, name: str) -> TyperCommand:
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         epilog = "\n\n".join(f"Example: {one}" for one in COMMANDS[self.places[name]])
-        alone.command(name, cls=console.NumbersCommand, epilog=epilog)(self.function(name))
+        needs_port = self.places[name].startswith("bench.") and name != "stream"  # which reads what a run wrote
+        alone.command(name, cls=console.PortCommand if needs_port else console.NumbersCommand, epilog=epilog)(
+            self.function(name)
+        )
         return cast(TyperCommand, typer.main.get_command(alone))
 
     def function(self, name: str) -> Any:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 import typer
 from typer.core import TyperCommand
 
-from sinew.measure.errors import FileError, SpecError
+from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.told import Table
 from sinew.measure.units import number_list as listed
 from sinew.measure.units import one_number
@@ -275,6 +275,20 @@ class NumbersCommand(TyperCommand):
             value = ctx.params.get(parameter.name)
             if isinstance(value, float) and not math.isfinite(value):
                 raise SpecError(f"{parameter.opts[0]} is {value:g}, expected a finite number")
+        return super().invoke(ctx)
+
+
+class PortCommand(NumbersCommand):
+    """A command of a bench: its ports, sockets and processes are those of Linux and macOS."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            import fcntl  # noqa: F401 - on every POSIX system, and on no other
+        except ModuleNotFoundError as missing:
+            raise SinewError(
+                f"sinew {self.name} needs the ports of Linux or macOS, which Windows does not have; run it in WSL, "
+                "and attach the USB adapter there (usbipd attach --wsl)"
+            ) from missing
         return super().invoke(ctx)
 
 

@@ -149,13 +149,21 @@ def search_bauds(open_bus: OpenBus, tried: int, *, nobody: bool) -> list[Finding
     return findings or [Finding("note", "bus", "no device at any other baud")]
 
 
-def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int) -> list[Finding]:
-    """Return what is to be said about the port. timer: of its adapter; baud: it was opened with [1/s]."""
+def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int, *, of_ftdi: bool = False) -> list[Finding]:
+    """Return what is to be said about the port. timer: of its adapter; baud: it was opened with [1/s].
+
+    of_ftdi: the adapter is one of FTDI's, which has a timer also where the system does not show it (macOS, Windows).
+    """
     findings = []
     if baud != wiring_baud:
         findings.append(
             Finding("warning", "port", f"{baud} baud", f"{wiring_baud} baud", f"set the rig's wiring.baud to {baud}")
         )
+    if timer is None and of_ftdi:
+        # 16 ms: FTDI AN232B-04, "Data throughput, latency and handshaking"
+        found = "an FTDI adapter, whose latency timer this system does not show; it is 16 ms unless it was set"
+        advice = "set LatencyTimer to 1 in the settings of FTDI's driver; the loop below shows whether answers wait"
+        return [*findings, Finding("warning", "port", found, f"{WANTED_MS} ms", advice)]
     if timer is None:
         return [*findings, Finding("ok", "port", f"{baud} baud, no latency timer (no FTDI adapter)")]
     try:

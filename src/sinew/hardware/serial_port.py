@@ -254,6 +254,18 @@ def list_ports() -> list[str]:
     return sorted(port.device for port in comports() if port.vid is not None)
 
 
+_FTDI = 0x0403
+"""FTDI's number as a vendor of USB devices (usb.org)."""
+
+
+def is_ftdi(port: str) -> bool:
+    """Return whether the adapter behind a port is one of FTDI's, by its USB vendor; False for what is not listed."""
+    from serial.tools.list_ports import comports
+
+    real = str(Path(port).resolve())
+    return any(one.vid == _FTDI and one.device in (port, real) for one in comports())
+
+
 def find_latency_timer(port: str, system: Path = _SYSTEM) -> LatencyTimer | None:
     """Return the timer of the adapter behind a port, or None where there is none.
 

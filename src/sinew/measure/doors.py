@@ -8,7 +8,7 @@ numbers (which become nanoseconds), quantities with a unit of their own, a DataF
 """
 
 import os
-import resource
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -132,11 +132,31 @@ def most_bytes() -> int:
     """Return how many bytes of numbers this process may take from a file: half of this computer's memory.
 
     Of a process with a limit of its own (`RLIMIT_DATA`, as the dashboard's workers have) it is a quarter of that limit:
-    what is read is copied for its hash, and again where it is analysed.
+    what is read is copied for its hash, and again where it is analysed. Where the system states neither, no limit.
     """
-    half = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    half = _memory_bytes() // 2
+    try:
+        import resource  # POSIX alone has it
+    except ModuleNotFoundError:
+        return half
     own, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return half if own == resource.RLIM_INFINITY else min(half, own // 4)
+
+
+def _memory_bytes() -> int:
+    """Return the memory of this computer; `sys.maxsize` where the system does not state it."""
+    if hasattr(os, "sysconf"):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    import ctypes
+
+    # MEMORYSTATUSEX of the Windows API: two words of 32 bits, the second a percentage, then seven of 64 bits.
+    status = (ctypes.c_uint64 * 8)()
+    ctypes.cast(status, ctypes.POINTER(ctypes.c_uint32))[0] = ctypes.sizeof(status)
+    try:
+        is_known = ctypes.windll.kernel32.GlobalMemoryStatusEx(status)  # type: ignore[attr-defined,unused-ignore]
+    except AttributeError:
+        return sys.maxsize
+    return int(status[1]) if is_known else sys.maxsize
 
 
 # What leaves: light to import, for a process that steers a bench writes notes, too.
@@ -169,7 +189,7 @@ def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
     temporary = Path(name)
     try:
         write(temporary)
-        with temporary.open("rb") as written:
+        with temporary.open("r+b") as written:  # Windows flushes no file that is open to read alone
             os.fsync(written.fileno())
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)

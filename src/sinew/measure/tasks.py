@@ -489,7 +489,7 @@ def _can_be_copied() -> bool:
 
     A fork copies one thread alone, and a lock that another held would stay locked.
     """
-    if sys.platform != "linux" or current_process().daemon:
+    if sys.platform != "linux" or not hasattr(os, "fork") or current_process().daemon:
         return False
     return sum(1 for _ in Path("/proc/self/task").iterdir()) == 1
 

@@ -1,8 +1,7 @@
 """Units and numbers as people write them: a unit becomes SI and radians, a text becomes numbers or a sentence why not.
 
-Decimals have a point. In a list numbers stand between commas, semicolons or blanks, but a comma between two digits may
-be somebody's decimal comma: where it is the only one, as in "2,5", or stands beside other separators, as in
-"1,5; 2,5", the list is refused. "2, 5" and "0,4,8" are lists.
+Decimals have a point. Where a list is expected, commas, semicolons and blanks separate its numbers: "2,5" is 2 and 5.
+Only a comma between two digits next to another separator, as in "1,5; 2,5", may be a decimal comma; it is refused.
 """
 
 import math
@@ -128,28 +127,21 @@ def one_number(text: str) -> float:
     return number
 
 
-def split_list(text: str) -> list[str]:
-    """Return the parts of a list; none of an empty one. Raises ValueError where a comma may be a decimal one."""
+def number_list(text: str) -> list[float]:
+    """Return the numbers of a list, at least one; a comma separates them.
+
+    Raises ValueError with a sentence where one is missing or is no number, and where a comma between digits stands
+    next to another separator and may be a decimal comma.
+    """
     inner = text.strip(" \t\n,;[]")
-    commas = len(_DECIMAL_COMMA.findall(inner))
-    if commas and (commas == 1 == inner.count(",") or re.search(r"[;\s]", inner)):
-        if re.fullmatch(r"[-+.\d]+,[-+.\d]+", inner) and "." in inner:
-            return inner.split(",")  # where a point is the decimal sign the comma is none
-        said = _DECIMAL_COMMA.search(inner)
-        assert said is not None
-        shown = re.findall(r"[^\s;]+", inner[: said.end() + 8])[-1] if commas > 1 else inner
+    if _DECIMAL_COMMA.search(inner) and re.search(r"[;\s]", inner):
         raise ValueError(
-            f"found {shown!r}, which is one number or two; write {_DECIMAL_COMMA.sub('.', shown)!r} for one, "
-            f"{_DECIMAL_COMMA.sub(', ', shown)!r} for a list"
+            f"found {inner!r}, where a comma may separate numbers or decimals; write "
+            f"{_DECIMAL_COMMA.sub('.', inner)!r} for decimals, {_DECIMAL_COMMA.sub(', ', inner)!r} for a list"
         )
     if re.search(r"[,;]\s*[,;]", inner):
         raise ValueError(f"found {inner!r}, where a number is missing between two commas")
-    return [part for part in re.split(r"[,;\s]+", inner) if part]
-
-
-def number_list(text: str) -> list[float]:
-    """Return the numbers of a list, at least one. Raises ValueError with a sentence, see `split_list`."""
-    parts = split_list(text)
+    parts = [part for part in re.split(r"[,;\s]+", inner) if part]
     if not parts:
         raise ValueError("found nothing, expected numbers with commas between them, as 0, 4, 8")
     return [one_number(part) for part in parts]

@@ -107,8 +107,9 @@ def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":
 def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer | None") -> "list[Finding]":
     """Return all findings; the port is closed in between where other bauds must be tried."""
     from sinew.bench.doctor import call_roll, examine_port, search_bauds
+    from sinew.hardware.serial_port import is_ftdi
 
-    findings = examine_port(timer, spec.wiring.baud, wiring_baud)
+    findings = examine_port(timer, spec.wiring.baud, wiring_baud, of_ftdi=is_ftdi(port))
     with open_rig(port, spec, own_time=True) as (bench, clock):
         roll = call_roll(bench)
         findings += roll.findings

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from sinew.apps.bench.bench_run import signals_to
 from sinew.apps.bench.run_control import keeping_time
-from sinew.apps.console import Json, Rig, Seed, flag, option, remark, require_file, write_json
+from sinew.apps.console import Json, Rig, Seed, flag, number_list, option, remark, require_file, write_json
+from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
@@ -127,15 +128,11 @@ def emulate(
 
 
 def _parse_slack(text: str, count: int) -> tuple[float, ...]:
-    from sinew.measure.errors import SpecError
-
-    try:
-        slack = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        slack = ()
-    if len(slack) != count or not all(0 <= value <= 50 for value in slack):
-        raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
-    return slack
+    expected = f"{count} numbers from 0 to 50 mm, one for each tendon"
+    slack = number_list("--slack", text, expected, low=0, high=50)
+    if len(slack) != count:
+        raise SpecError(f"--slack is {text!r}, which is {len(slack)} numbers; expected {expected}")
+    return tuple(slack)
 
 
 def _description(

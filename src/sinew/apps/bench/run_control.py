@@ -6,7 +6,6 @@ planted by others, or copied with all that lies in it. So the file, the socket a
 own, and a run carries out what is meant for its folder alone.
 """
 
-import fcntl
 import gc
 import json
 import os
@@ -261,6 +260,8 @@ def _private_folder() -> Path:
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
     """Hold a lock on a folder."""
+    import fcntl  # POSIX alone has it
+
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -277,6 +278,8 @@ def _clear_left(root: Path) -> None:
 
 def forget_socket(path: Path) -> None:
     """Remove a socket and its folder, if both are ours, nothing else is there, and the process that made it is gone."""
+    import fcntl  # POSIX alone has it
+
     with suppress(OSError):
         handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:

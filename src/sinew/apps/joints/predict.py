@@ -487,7 +487,9 @@ def _oscillator(
         raise SpecError("say what drives the oscillator: either --torque-n-m or --base-deg")
     configure()
     given = "--torque-n-m" if base is None else "--base-deg"
-    level = console.number_list(given, str(torque if base is None else base), "a finite number", between="\n")[0]
+    level, *more = console.number_list(given, str(torque if base is None else base), "a finite number")
+    if more:
+        raise SpecError(f"{given} holds {1 + len(more)} levels, expected one; a fit of sinew identify takes several")
     drive = {"torque": level} if base is None else {"base": math.radians(level)}
     one = Oscillator(**values, **drive).checked()
     band_hz = console.checked_band(

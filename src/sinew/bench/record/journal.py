@@ -4,7 +4,6 @@ The journal is the record; recordings are made from it (`sinew.bench.record.conv
 mode: of the formats that were killed with SIGKILL only it and flushed text lost nothing committed.
 """
 
-import fcntl
 import json
 import os
 import sqlite3
@@ -247,6 +246,8 @@ def _reason(error: sqlite3.Error | OSError) -> str:
 
 def _lock(path: Path) -> int:
     """Return an open file whose lock keeps every other run away until it is closed, or the process ends."""
+    import fcntl  # POSIX alone has it; who only reads a journal needs none
+
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
