@@ -5,7 +5,7 @@
 //
 // A stream is a few packets, whole, damaged, cut off or behind garbage, for the node, for others or for all, and what
 // others answer; times pass between. When the line has then been quiet for 20 ms, the node must answer a ping. Prints what was sent and heard as JSON.
-#include "../node/chip.h"
+#include "../node/imu_chip.h"
 #include "../node/crc.h"
 #include "../node/node.h"
 #include "../node/parser.h"

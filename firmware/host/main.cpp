@@ -8,7 +8,7 @@
 // (let time pass), 'C' six counts (what the chip reads from now on), 'F' 0|1 (the chip is frozen), 'P' (the power goes and
 // comes back), 'D' us (the board does nothing else for so long). From the node after each: baud, when it has something
 // to do on the line (UINT64_MAX: never), number of bursts, then of each its start, how many and which bytes. Little endian.
-#include "../node/chip.h"
+#include "../node/imu_chip.h"
 #include "../node/node.h"
 #include "../node/slave.h"
 #include "board.h"
@@ -32,6 +32,7 @@ namespace {
 using namespace sinew;
 
 constexpr uint64_t kNever = UINT64_MAX;
+constexpr int32_t kRoundUs = 20;  // of a round of the board's loop: an exchange of 2 bytes at some MHz, and a look at two lines
 constexpr uint64_t kStartNs = 100'000'000;  // the board is deaf for so long after a start
 
 void set_id(Clock& clock, Memory& memory, int id) {
@@ -156,9 +157,10 @@ private:
     uint64_t due() {
         if (board_.now_ns < deaf_until_) return deaf_until_;
         const uint64_t next = due_on_line();
+        // Of the rounds of a board's loop those are played that matter: the last before a sample is ready, and the next.
         const auto until_sample = static_cast<int32_t>(still_.next_us() - board_.micros());
-        const uint64_t sample = (board_.now_ns / 1000 + (until_sample > 0 ? until_sample : 1)) * 1000ull;
-        return std::min(next, sample);
+        const int32_t wait_us = until_sample > kRoundUs ? until_sample - kRoundUs : std::max(until_sample, 1);
+        return std::min<uint64_t>(next, board_.now_ns / 1000 * 1000 + static_cast<uint64_t>(wait_us) * 1000);
     }
 
     void poll() {

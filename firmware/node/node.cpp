@@ -13,24 +13,14 @@ using page::Row;
 constexpr uint8_t kKept[] = {page::kId, page::kBaudRate, page::kReturnDelayTime};
 constexpr uint8_t kKeptMark = 0x51;  // before what is kept; another value where the page is
 
-// The row whose bytes an address is among, for every address; -1 in the gaps.
-constexpr std::array<int8_t, page::kSize> row_places() {
-    std::array<int8_t, page::kSize> places{};
-    for (auto& place : places) place = -1;
-    int8_t index = 0;
-    for (const Row& row : page::kRows) {
-        for (int at = 0; at < row.size; ++at) places[static_cast<size_t>(row.address + at)] = index;
-        ++index;
-    }
-    return places;
+// The first row that has bytes from an address on, before a stop; nullptr where there is only a gap.
+const Row* row_among(size_t address, size_t stop) {
+    for (const Row& row : page::kRows)
+        if (row.address < stop && address < static_cast<size_t>(row.address + row.size)) return &row;
+    return nullptr;
 }
 
-constexpr auto kRowPlaces = row_places();
-
-const Row* row_at(size_t address) {
-    if (address >= page::kSize || kRowPlaces[address] < 0) return nullptr;
-    return &page::kRows[kRowPlaces[address]];
-}
+const Row* row_at(size_t address) { return row_among(address, address + 1); }
 
 uint32_t little_endian(const uint8_t* bytes, uint8_t size) {
     uint32_t count = 0;
@@ -66,7 +56,7 @@ void Node::start() {
     }
     is_kept_stale_ = false;
     prepared_size_ = 0;
-    has_sample_ = false;
+    has_timed_ = false;
 }
 
 void Node::initialise(uint16_t from) {
@@ -79,9 +69,7 @@ void Node::initialise(uint16_t from) {
 const uint8_t* Node::read(uint16_t address, uint16_t size) {
     const size_t stop = static_cast<size_t>(address) + size;
     if (stop > page::kSize) return nullptr;
-    bool is_any = false;
-    for (size_t at = address; at < stop; ++at) is_any = is_any || kRowPlaces[at] >= 0;
-    if (!is_any) return nullptr;
+    if (row_among(address, stop) == nullptr) return nullptr;
     store(page::kClock, clock_.micros(), 4);
     return bytes_.data() + address;
 }
@@ -152,14 +140,16 @@ void Node::describe_chip(uint8_t who_am_i, uint16_t filter_delay_us, uint16_t pe
     store(page::kSamplePeriod, period_us, 2);
 }
 
-void Node::take(const Sample& sample, uint32_t time_us) {
+void Node::take(const Sample& sample, uint32_t time_us, bool is_fresh) {
     const uint32_t period = count(page::kSamplePeriod, 2);
-    if (has_sample_ && period > 0) {
-        const uint32_t periods = (time_us - sampled_us_ + period / 2) / period;
-        if (periods > 1) store(page::kLostSamples, count(page::kLostSamples, 4) + periods - 1, 4);
+    ++taken_since_;
+    if (is_fresh) {
+        const uint32_t made = has_timed_ && period > 0 ? (time_us - timed_us_ + period / 2) / period : 0;
+        if (made > taken_since_) store(page::kLostSamples, count(page::kLostSamples, 4) + made - taken_since_, 4);
+        has_timed_ = true;
+        timed_us_ = time_us;
+        taken_since_ = 0;
     }
-    has_sample_ = true;
-    sampled_us_ = time_us;
     for (uint16_t axis = 0; axis < 3; ++axis) {
         const auto step = static_cast<uint16_t>(2 * axis);
         store(page::kGyroX + step, static_cast<uint16_t>(sample.gyro[axis]), 2);

@@ -48,8 +48,10 @@ public:
     void settle();
 
     void describe_chip(uint8_t who_am_i, uint16_t filter_delay_us, uint16_t period_us);
-    // Takes a sample that was ready at a time; counts those that were lost since the one before.
-    void take(const Sample& sample, uint32_t time_us);
+    // Takes a sample that was found ready at a time. is_fresh: a look just before found none, so the chip made it then.
+    // Between two fresh ones the chip made as many as there are periods; what was not taken of them is lost. One that
+    // waited while the board was busy is late, and not lost.
+    void take(const Sample& sample, uint32_t time_us, bool is_fresh);
     // Says whether the chip works.
     void report_chip(bool works);
 
@@ -66,8 +68,9 @@ private:
     std::array<uint8_t, page::kSize> prepared_{};
     uint16_t prepared_address_ = 0;
     size_t prepared_size_ = 0;
-    bool has_sample_ = false;
-    uint32_t sampled_us_ = 0;
+    // The last fresh sample, and how many were taken since.
+    bool has_timed_ = false;
+    uint32_t timed_us_ = 0, taken_since_ = 0;
 };
 
 }  // namespace sinew

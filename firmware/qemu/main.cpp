@@ -9,7 +9,7 @@
 // when the last byte of the instruction was heard, and when the first byte of the answer was given to the UART. A line
 // `ready` says that the node has started.
 #include "../host/still_chip.h"
-#include "../node/chip.h"
+#include "../node/imu_chip.h"
 #include "../node/node.h"
 #include "../node/slave.h"
 

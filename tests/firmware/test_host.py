@@ -24,6 +24,11 @@ def node(host_program: Path) -> Iterator[HostNode]:
     party.close()
 
 
+def clock_and_samples(node: HostNode) -> tuple[int, int]:
+    (answer,) = statuses(node.exchange(ask.read(NODE, OPENCR_NODE["clock"].address, 8)))
+    return int.from_bytes(answer.params[:4], "little"), int.from_bytes(answer.params[4:], "little")
+
+
 @pytest.mark.parametrize(("chip", "delay", "period"), [(0x71, 5900, 1000), (0xE0, 3109, 889)])
 def test_either_chip_is_found_and_read_at_its_own_rate(host_program: Path, chip: int, delay: int, period: int) -> None:
     node = HostNode(host_program, "--chip", f"{chip:x}")
@@ -60,6 +65,21 @@ def test_samples_that_the_board_did_not_read_are_counted(node: HostNode) -> None
     passed = (get(node, "clock") - clock) / 1000
     assert lost in (9, 10)
     assert get(node, "samples") + lost - before == pytest.approx(passed, abs=200)  # seven reads of 50 ms apart
+
+
+def test_a_sample_that_waits_for_the_board_is_not_counted_as_lost(node: HostNode) -> None:
+    # Held up for less than a period the board finds at most one sample waiting, and takes it before the next.
+    chance = random.Random(3)
+    started, before = clock_and_samples(node)
+    for _ in range(2_000):
+        node.rest(chance.uniform(0.5e-3, 3e-3))
+        held_us = chance.randrange(950)
+        node.node.keep_busy(held_us)
+        node.time += held_us * 1e-6
+    node.rest(5e-3)
+    ended, after = clock_and_samples(node)
+    assert after - before == pytest.approx((ended - started) / 1000, abs=1)
+    assert get(node, "lost_samples") == 0
 
 
 def test_the_readings_are_the_newest_of_the_chip(node: HostNode) -> None:

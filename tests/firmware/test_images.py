@@ -5,7 +5,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from tools.build_firmware import CORTEX_M7, CROSS, ROOT, image_size
+from tests.firmware.built import built
+from tools.build_firmware import CROSS, ROOT, compile_for_opencr, image_size
 
 pytestmark = pytest.mark.slow
 
@@ -17,13 +18,10 @@ def test_the_image_takes_a_small_part_of_the_boards_flash(qemu_image: Path) -> N
     assert size["data"] + size["bss"] < 0.05 * 320 * 1024
 
 
-@pytest.mark.skipif(shutil.which(CROSS) is None, reason=f"there is no {CROSS}: the sketch is not looked at")
-def test_the_boards_sketch_uses_the_core_as_outlined() -> None:
-    folders = [f"-I{ROOT / 'opencr/outline'}", f"-I{ROOT / 'node'}"]
-    flags = ["-std=c++17", *CORTEX_M7, "-Wall", "-Wextra", "-Werror", "-fno-exceptions", "-fno-rtti", "-fsyntax-only"]
-    sketch = ROOT / "opencr/imu_node/imu_node.ino"
-    done = subprocess.run([CROSS, *flags, *folders, "-x", "c++", sketch], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+@pytest.mark.parametrize("standard", ["gnu++11", "gnu++17"])
+def test_the_boards_sketch_compiles_by_the_cores_flags_and_macros(tmp_path: Path, standard: str) -> None:
+    objects = built(lambda folder: compile_for_opencr(folder, standard)[0].parent, tmp_path, CROSS)
+    assert len(list(objects.glob("*.o"))) == 1 + len(list((ROOT / "node").glob("*.cpp")))
 
 
 @pytest.mark.parametrize("path", sorted(ROOT.rglob("*.[hc]*")), ids=lambda path: path.name)

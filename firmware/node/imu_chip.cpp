@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "chip.h"
+#include "imu_chip.h"
 
 #include <cstring>
 
@@ -94,10 +94,12 @@ void Chip::poll() {
     if (kind_ == Kind::kAbsent) return;
     const uint32_t now_us = clock_.micros();
     const uint32_t since_us = now_us - taken_us_;
-    if (since_us < period_us_ * 3 / 4) return;  // sooner there is none, and to ask would only take time
+    // After a fresh sample there is none sooner, and to ask would only take time; after a late one the next may be near.
+    if (was_fresh_ && since_us < period_us_ * 3 / 4) return;
     const bool is_ready =
         read(kind_ == Kind::kMpu ? mpu9250::kInterruptStatus : icm20648::kInterruptStatus1) & kDataReady;
     if (is_ready) return take(now_us);
+    empty_us_ = now_us;
     if (works_ && since_us > kSilentUs) {
         works_ = false;
         node_.report_chip(false);
@@ -117,7 +119,8 @@ void Chip::take(uint32_t now_us) {
         sample.gyro[axis] = big_endian(gyro + 2 * axis);
     }
     taken_us_ = clock_.micros();  // who was held up between looking and taking has not found the chip silent
-    node_.take(sample, now_us);
+    was_fresh_ = now_us - empty_us_ < period_us_ / 4;
+    node_.take(sample, now_us, was_fresh_);
     if (!works_) {
         works_ = true;
         node_.report_chip(true);

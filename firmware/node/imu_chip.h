@@ -38,6 +38,8 @@ private:
     bool works_ = false;
     uint32_t period_us_ = 0;
     uint32_t taken_us_ = 0;
+    uint32_t empty_us_ = 0;  // the last look that found no sample
+    bool was_fresh_ = false;
 };
 
 }  // namespace sinew
