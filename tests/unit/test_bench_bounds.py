@@ -18,8 +18,8 @@ from sinew.emulator.joint_plant import JointPlant
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import MotorReading, Reading
 from sinew.measure.errors import DeviceError, LimitError
-from sinew.plan.plan import Plan
 from sinew.plan.parameter import Parameter
+from sinew.plan.plan import Plan
 from sinew.plan.rig import LoadCell
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 

@@ -154,8 +154,8 @@ class Loop:
             raise LostError(f"{reading.altered}, which this program has not told it; end the other software")
         if (others := self._rig.bus.others - self._others) >= _OTHERS_MOST:
             raise LostError(
-                f"{others} instructions of another program came on the line, expected none: two programs would move the "
-                "motors in turn; end the other one, or unplug its adapter"
+                f"{others} instructions of another program came on the line, expected none: two programs would move "
+                "the motors in turn; end the other one, or unplug its adapter"
             )
         statistics.busy_s += self._clock.now() - began
         return sample
