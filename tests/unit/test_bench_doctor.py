@@ -90,8 +90,9 @@ def test_a_hardware_error_is_a_fault_with_its_name(ward: Ward) -> None:
     assert [(f.subject, f.found, f.fixable) for f in faults] == [("tendon 2", "hardware error: overload", True)]
 
 
-def test_limits_within_which_the_drive_would_ignore_goals_are_a_fault_that_can_be_fixed(ward: Ward) -> None:
-    ward.rig.motors[5].registers["min_position_limit"] = 1800
+def test_limits_of_a_run_about_another_middle_are_a_fault_that_can_be_fixed(ward: Ward) -> None:
+    registers = ward.rig.motors[5].registers
+    registers["min_position_limit"], registers["max_position_limit"] = 1800, 1800 + 2 * 1024  # 90° either way
     faults = ward.about("drive", "fault")
     ward.fix_all()
     assert (faults, ward.about("drive", "fault")) == (["min_position_limit 1800 (2.761 rad)"], [])

@@ -133,7 +133,7 @@ def test_a_guide_that_was_broken_off_is_begun_again_without_harm(question: int) 
 def test_a_window_about_the_middle_of_an_attempt_before_is_no_fault() -> None:
     table = OnTheTable("ids")
     drive = list(table.emulated.motors.values())[-1]
-    drive.registers["min_position_limit"], drive.registers["max_position_limit"] = 2650, 4000
+    drive.registers["min_position_limit"], drive.registers["max_position_limit"] = 1776, 3824
     person = Somebody(table.hands)
     assert table.lead(person, STEPS[: [step.name for step in STEPS].index("settings") + 1])
     assert not [told for told in person.told if told.severity == "fault"]

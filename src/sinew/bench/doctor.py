@@ -12,7 +12,7 @@ import numpy as np
 from sinew.bench.loop import MISSED_MOST
 from sinew.bench.preflight import MOST_ON_WIRE
 from sinew.hardware.bus import Bus, Clock, Outcome
-from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
+from sinew.hardware.configuration import Post, Setting, answer_everything, may_be_widened, read_counts, unfit_settings
 from sinew.hardware.imu import ImuReading, NodeTold
 from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
 from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
@@ -211,7 +211,7 @@ def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
     troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, rig.spec.limits)]
     settings = unfit_settings(Post(motor, rig.spec, counts["operating_mode"]), counts)
     # Told apart above: why it matters is said there.
-    troubles += [_setting_finding(motor, setting) for setting in settings if setting.register != "homing_offset"]
+    troubles += [_setting_finding(motor, row, counts) for row in settings if row.register != "homing_offset"]
     return [_summary(motor, identity, counts), *troubles]
 
 
@@ -264,8 +264,9 @@ def _climate_findings(motor: Motor, counts: Mapping[str, int], limits: Limits) -
         yield Finding("fault", motor.name, f"{volt:.1f} V", f"{low:g} to {high:g} V", advice)
 
 
-def _setting_finding(motor: Motor, setting: Setting) -> Finding:
+def _setting_finding(motor: Motor, setting: Setting, counts: Mapping[str, int]) -> Finding:
     row = motor.table[setting.register]
+    is_ours = not setting.is_refused or may_be_widened(motor, setting.register, counts)
 
     def text(count: int) -> str:
         unit = row.unit.replace("degC", "°C")
@@ -277,7 +278,7 @@ def _setting_finding(motor: Motor, setting: Setting) -> Finding:
         f"{setting.register} {text(setting.found)}",
         text(setting.expected),
         setting.advice or "a run sets it, or --fix does now",
-        Fix(motor.name, setting.register, setting.found, setting.expected),
+        Fix(motor.name, setting.register, setting.found, setting.expected) if is_ours else None,
     )
 
 

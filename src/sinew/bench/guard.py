@@ -8,7 +8,7 @@ from sinew.bench.tilt import lean_from
 from sinew.hardware.rig import MotorReading, Reading
 from sinew.measure.attitude import gyro_share
 from sinew.measure.errors import LimitError, LostError
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import LoadCell, RigSpec
 
 LOST_AFTER_S = 0.05
 """A device that has given no fresh reading for so long is lost [s], if it was asked often enough meanwhile."""
@@ -61,6 +61,7 @@ class Guard:
 
     def __init__(self, spec: RigSpec, gyro_bias: float = 0.0) -> None:
         self._limits, self._sensors = spec.limits, [sensor.model for sensor in spec.sensors]
+        self._cells = [f"tendon {s.tendon}" if isinstance(s, LoadCell) else "" for s in spec.sensors]
         self._radius = spec.tendons.pulley_radius.value
         self._force = spec.tendons.tension(1.0)  # N/A
         self._give = 1 / (spec.tendons.servo_stiffness.value * self._radius)  # rad/N
@@ -88,6 +89,9 @@ class Guard:
         for index, motor in enumerate(reading.tendons):
             if motor is not None:
                 self._check_tendon(index, motor, watch)
+        for name, newtons in zip(self._cells, reading.sensors, strict=True):
+            if name and not math.isnan(newtons):
+                _below(f"tension of {name}, by its load cell,", newtons, self._limits.tension_n, "N", "tension_n")
         self._check_following(reading.tendons, step, watch)
         self._check_shares(reading.tendons, step, watch)
         rate = reading.imu.gyro[0] if is_fresh and reading.imu is not None else None

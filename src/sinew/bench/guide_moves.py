@@ -22,7 +22,7 @@ from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Clock
-from sinew.hardware.configuration import prepare_goal
+from sinew.hardware.configuration import may_be_widened, prepare_goal
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import LostError
@@ -77,11 +77,15 @@ def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], 
 
 
 def widen_window(rig: Rig) -> None:
-    """Have the drive take positions of its whole turn again: a window about another middle would refuse this one's."""
-    drive = rig.drive
+    """Have the drive take positions of its whole turn again: a window about another middle would refuse this one's.
+
+    Limits that no run has set are the laboratory's, and stay.
+    """
+    drive, names = rig.drive, ("min_position_limit", "max_position_limit")
     drive.require_torque_off("to be set up")
-    drive.ensure_count("min_position_limit", 0)
-    drive.ensure_count("max_position_limit", COUNTS_PER_TURN - 1)
+    if may_be_widened(drive, names[0], drive.get_counts(names[::-1])):
+        drive.ensure_count("min_position_limit", 0)
+        drive.ensure_count("max_position_limit", COUNTS_PER_TURN - 1)
 
 
 # The lever is moved: to and fro in smooth steps, and slowly in triangles.

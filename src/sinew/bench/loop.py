@@ -10,6 +10,7 @@ from sinew.bench.record.sample import MISSING, Sample
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Clock
 from sinew.hardware.imu import ImuReading
+from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Reading, Rig
 from sinew.measure.errors import LostError, PauseError, StoppedError
 from sinew.plan.rig import Limits
@@ -17,6 +18,7 @@ from sinew.plan.rig import Limits
 WATCHDOG_S = 0.08
 """After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
 
+_OTHERS_MOST = 2  # instructions of another program; what noise makes of our own hardly passes a checksum even once
 _GOAL_BYTES = 60  # of the packet with all goals
 _STANDS_STILL_S = 0.012  # two samples of the IMU are due in that time
 _MISSED_WINDOW = 200
@@ -88,6 +90,7 @@ class Loop:
         self.statistics = LoopStatistics()
         self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
         self.last: Reading | None = None
+        self._others = rig.bus.others
 
     @property
     def limits(self) -> Limits:
@@ -148,6 +151,14 @@ class Loop:
         self._record(sample)
         tilt = (MISSING, MISSING) if math.isnan(sample.tilt_rad) else self._tilt.components
         self._guard.check(reading, tilt, began, watch)
+        if reading.altered:
+            self.read_registers("the run set it")
+            raise LostError(f"{reading.altered}, which this program has not told it; end the other software")
+        if (others := self._rig.bus.others - self._others) >= _OTHERS_MOST:
+            raise LostError(
+                f"{others} instructions of another program came on the line, expected none: two programs would move "
+                "the motors in turn; end the other one, or unplug its adapter"
+            )
         statistics.busy_s += self._clock.now() - began
         return sample
 
@@ -171,6 +182,26 @@ class Loop:
             self._check_pace(late)
         self._due += (1 + skipped) * self.period
         return began
+
+    def read_registers(self, since: str) -> dict[str, dict[str, int]]:
+        """Return the motors' registers, by name. Raises LostError where one is not as the run set it, PauseError where
+        the computer paused for so long that a motor stopped itself. since: what came before."""
+        found = self._rig.read_registers()
+        stopped = [name for name, counts in found.items() if counts["bus_watchdog"] == WATCHDOG_TRIPPED]
+        if stopped:
+            kind, advice = (
+                (PauseError, "the computer paused") if self.paused else (LostError, "check cables and ground")
+            )
+            raise kind(
+                f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
+                f"{1e3 * WATCHDOG_S:.0f} ms; {advice}"
+            )
+        if changed := self._rig.changed_registers(found):
+            raise LostError(
+                f"{'; '.join(changed)}: a motor started anew, or other software wrote to it, since {since}; what was "
+                "recorded since does not count; end the other software, or check the supply, then go on"
+            )
+        return found
 
     def refuse_stopped(self, paused: float) -> None:
         """Raise PauseError if motors were stopped by their watchdogs while the computer paused for some time [s]."""

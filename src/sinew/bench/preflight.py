@@ -76,7 +76,12 @@ def _too_slow(needed: float, rig: Rig, plan: Plan) -> str:
 
 
 def _refuse_strangers(rig: Rig, clock: Clock) -> None:
-    """Refuse a bus on which a device is missing, or is another one, or shares its id."""
+    """Refuse a bus on which another program speaks, or a device is missing, or is another one, or shares its id."""
+    if heard := rig.bus.overhear(_LISTEN_S):
+        raise StartError(
+            f"{heard} packets come on the line within {1e3 * _LISTEN_S:.0f} ms though nothing was sent: another program "
+            "uses the bus; end it, or unplug its adapter"
+        )
     names = {device.id: device.name for device in rig.devices}
     replies = {device: _pinged(rig, clock, device) for device in names}
     silent = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.SILENT]

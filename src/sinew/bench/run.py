@@ -13,7 +13,7 @@ from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
-from sinew.bench.pretension import Contact, Held, MotorMap, pull_to_contact, set_pretension
+from sinew.bench.pretension import CHANGE_SPEED, Contact, Held, MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.conversion import group_is_whole
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Listener, Sample
@@ -22,7 +22,6 @@ from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Bus, Clock
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.motor import Motor
-from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Reads, Rig
 from sinew.measure import events
 from sinew.measure.errors import (
@@ -186,6 +185,7 @@ class Runner:
         self._listener = listener
         self._law = law
         self._mover: Mover | None = None
+        self._at_mm: float | None = None  # pretension that is set; None: first contact
         self._group: Group | None = None
         self._index = -1
         self._attempt = 0
@@ -386,6 +386,7 @@ class Runner:
                 spread = max(max(axis) - min(axis) for axis in zip(*seen, strict=True))
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
+        self._at_mm = None
         contact = self._power_up()
         motors = MotorMap(self._rig.spec, self._plan.pretension.mode, contact, self._held)
         offsets, before = (0.0, 0.0), 0.0
@@ -463,6 +464,7 @@ class Runner:
                     motor.keep_count("goal_current", motor.goal_current.count(contact.current))
                 else:
                     prepare_goal(motor)
+                    motor.limit_output(self._most_pulls(None)[index])
                 _under_torque(motor)
             self._rig.set_tendon_mode(mode)
             self._step()
@@ -490,9 +492,7 @@ class Runner:
         """
         tendons = self._rig.spec.tendons
         most = max((tension for held in self._held.values() for tension in held.tension_n), default=0.0)
-        if self._plan.pretension.mode == "position":
-            most = 0.0  # its loop has no limit of current; only the pull to first contact has
-        elif self._plan.pretension.mode == "position-with-current-limit":
+        if self._plan.pretension.mode == "position-with-current-limit":
             most += LIMIT_RESERVE_N
         needed = tendons.current(1.0) * max(most, tendons.first_contact_tension.value)
         try:
@@ -503,23 +503,8 @@ class Runner:
             raise (StoppedError if has_moved else StartError)(str(trouble)) from trouble
 
     def _look_at_registers(self, since: str) -> dict[str, dict[str, int]]:
-        """Return the motors' registers. Raises LostError where one is not as the run set it: what was recorded since
-        then cannot count. since: what came before."""
-        found = self._rig.read_registers()
-        stopped = [name for name, counts in found.items() if counts["bus_watchdog"] == WATCHDOG_TRIPPED]
-        if stopped:
-            kind, advice = (
-                (PauseError, "the computer paused") if self._loop.paused else (LostError, "check cables and ground")
-            )
-            raise kind(
-                f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
-                f"{1e3 * WATCHDOG_S:.0f} ms; {advice}"
-            )
-        if changed := self._rig.changed_registers(found):
-            raise LostError(
-                f"{'; '.join(changed)}: a motor started anew, or other software wrote to it, since {since}; what was "
-                "recorded since does not count; end the other software, or check the supply, then go on"
-            )
+        """Return the motors' registers; see `Loop.read_registers`. since: what came before."""
+        found = self._loop.read_registers(since)
         self._checks += 1
         return found
 
@@ -532,7 +517,7 @@ class Runner:
         self._journal.note_registers({"tendon_mode": self._plan.pretension.mode, "motors": motors})
 
     def _prepare(self, pretension_mm: float) -> None:
-        """Set how hard the tendon motors may pull at a pretension."""
+        """Set how hard the tendon motors may pull on their way to a pretension."""
         watch = self._loop.watch
         watch.resting, watch.share = False, None
         tendons = self._rig.spec.tendons
@@ -541,6 +526,30 @@ class Runner:
             watch.limit = tuple((tension + LIMIT_RESERVE_N) * tendons.current(1.0) for tension in tensions)
             for motor, limit in zip(self._rig.tendons, watch.limit, strict=True):
                 motor.limit_output(limit)
+        elif self._plan.pretension.mode == "position":
+            self._bound_pull(self._at_mm, pretension_mm, speed=CHANGE_SPEED)
+
+    def _bound_pull(self, *pretensions_mm: float | None, speed: float = 0.0) -> None:
+        """Bound by their duty what motors that hold positions pull, by the largest of some pretensions [mm].
+
+        Such a motor goes on holding when its program is killed, for ever, so that what it may pull is set before. None:
+        first contact. speed: with which cable is wound [m/s]; a motor that turns needs duty for that.
+        """
+        each = [self._most_pulls(mm) for mm in pretensions_mm]
+        for motor, currents in zip(self._rig.tendons, zip(*each, strict=True), strict=True):
+            motor.limit_output(max(currents) + motor.turning_current(speed / self._loop.pulley_radius))
+
+    def _most_pulls(self, pretension_mm: float | None) -> list[float]:
+        """Return the current [A] of each tendon's largest pull at a pretension [mm]; None: first contact.
+
+        It is that at rest, and what the largest torsion that the rig allows, or tendons that the plan drives, add to it.
+        """
+        tendons, limits = self._rig.spec.tendons, self._rig.spec.limits
+        held = self._held.get(pretension_mm) if pretension_mm is not None else None
+        rest = (tendons.first_contact_tension.value,) * tendons.count if held is None else held.tension_n
+        driven = max((g.amplitude_mm for g in self._groups if g.excitation != "lever"), default=0.0)
+        more = self._rig.spec.swing_pull(math.radians(limits.torsion_deg), 1e-3 * driven) + LIMIT_RESERVE_N
+        return [tendons.current(min(tension + more, limits.tension_n)) for tension in rest]
 
     def _set_range(
         self, motors: MotorMap, mm: float, before: float, offsets: tuple[float, float]
@@ -558,6 +567,9 @@ class Runner:
             self._say(result)
             share = self._loop.watch.share or (1 / len(self._rig.tendons),) * len(self._rig.tendons)
             levelled.append(Levelled.of(stop_mm, offsets, share, result.current_a))
+            self._at_mm = stop_mm
+        if self._plan.pretension.mode == "position":
+            self._bound_pull(*asked)
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
         return offsets, before
 

@@ -138,18 +138,17 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
     goals = {"goal_position": present + motor.sign * max(0, min(ahead, give))}
     if not by_current:
         return goals | {"goal_pwm": limits["goal_pwm"]}
-    # One that pulls at its limit, on its way to a goal far ahead, would jerk if the limit were wider for a moment.
-    return goals | {"goal_current": limits["goal_current"] if ahead <= give else asked}
+    return goals | {"goal_current": limits["goal_current"]}
 
 
 def _limits(rig: Rig, motor: Motor, counts: Counts) -> Counts:
-    """Return the most output that a motor is left with, by register."""
+    """Return the most output that a motor is left with, by register: never more than it has."""
     if not isinstance(motor, TendonServo):
-        return {"goal_pwm": _most(motor, "goal_pwm", DRIVE_HOLD_SHARE, counts["pwm_limit"])}
+        return {"goal_pwm": _most(motor, "goal_pwm", DRIVE_HOLD_SHARE, counts)}
     hold = TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
     return {
-        "goal_pwm": _most(motor, "goal_pwm", motor.standstill_duty(hold), counts["pwm_limit"]),
-        "goal_current": _most(motor, "goal_current", hold, counts["current_limit"]),
+        "goal_pwm": _most(motor, "goal_pwm", motor.standstill_duty(hold), counts),
+        "goal_current": _most(motor, "goal_current", hold, counts),
     }
 
 
@@ -160,8 +159,8 @@ def _is_limited(rig: Rig, motor: Motor, counts: Counts) -> bool:
     return abs(counts[register]) <= _limits(rig, motor, counts)[register]
 
 
-def _most(motor: Motor, register: str, quantity: float, limit: int) -> int:
-    return int(min(quantity / motor.table[register].scale + 1e-6, limit))
+def _most(motor: Motor, register: str, quantity: float, counts: Counts) -> int:
+    return int(min(quantity / motor.table[register].scale + 1e-6, abs(counts[register])))
 
 
 def _give(rig: Rig, motor: Motor, current: float) -> int:

@@ -6,6 +6,7 @@ gone raises (PortError).
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -135,6 +136,7 @@ _BITS_PER_BYTE = 10  # start, eight, stop
 _CRC_NUMBER = 3
 _PING_DATA = 3
 _MOST_WAITS_FOR_QUIET = 5
+_SENT_MOST = 4  # whose echo may still come: goals that nobody answers go out before the question behind them
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +190,8 @@ class Bus:
     """Asks devices on one line.
 
     transport, clock: the seams; the transport's deadlines are told by this clock. retries: how often a device that did
-    not answer, or answered damaged, is asked again; what must not happen twice is never repeated.
+    not answer, or answered damaged, is asked again; what must not happen twice is never repeated. others: instructions
+    heard so far that were not sent here: another master is on the line.
     """
 
     def __init__(self, transport: Transport, clock: Clock, timing: BusTiming | None = None, retries: int = 1) -> None:
@@ -199,6 +202,8 @@ class Bus:
         self._decoder = Decoder()
         self._suspect = False
         self._left_wire = self._heard = -math.inf
+        self._sent: deque[bytes] = deque(maxlen=_SENT_MOST)
+        self.others = 0
 
     @property
     def statistics(self) -> Statistics:
@@ -287,6 +292,18 @@ class Bus:
         retries: instead of the bus's; with 0 the call is one transaction, whoever answers.
         """
         return self._ask_group(ask.bulk_read(reads, fast=fast), reads, fast, retries)
+
+    def overhear(self, seconds: float) -> int:
+        """Return how many whole packets come in a time [s] in which nothing is sent; what came before is dropped."""
+        while self._transport.read(self._clock.now()):
+            pass
+        self._decoder.reset()
+        stop, heard = self._clock.now() + seconds, 0
+        while data := self._transport.read(stop):
+            heard += len(list(self._decoder.feed(data)))
+            if self._clock.now() >= stop:
+                break
+        return heard
 
     def _ask_one(self, instruction: Instruction, length: int, retries: int | None = None) -> Reply:
         allowed = self.retries if retries is None else retries
@@ -383,6 +400,7 @@ class Bus:
         self._decoder.reset()
         self._suspect = False
         self._transport.write(data)
+        self._sent.append(data)
         self._statistics.transactions += 1
         self._statistics.sent_bytes += len(data)
         # An instruction that nobody answers may still be on its way out; this one goes after it.
@@ -410,7 +428,9 @@ class Bus:
 
     def _note_stray(self, packet: Packet) -> None:
         if isinstance(packet, Instruction):
-            self._statistics.echoes += 1
+            is_ours = encode(packet) in self._sent
+            self._statistics.echoes += is_ours
+            self.others += not is_ours
         else:
             self._statistics.strays += 1
 

@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sinew.hardware.motor import DriveServo, Motor
+from sinew.hardware.motor import DriveServo, Motor, TendonServo
 from sinew.hardware.registers import CURRENT_MODE, SHUTDOWN
 from sinew.measure.errors import DeviceError
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
+from sinew.plan.servo import COUNTS_PER_TURN, FULL_DUTY_COUNTS, SERVOS
 
 NO_SECOND_ID = 253
 """From here on a shadow id stands for none."""
@@ -77,6 +77,12 @@ class Post:
         share = self.spec.drive.duty_limit.value if self.is_drive else 1.0
         return min(self.initial("pwm_limit"), round(share * FULL_DUTY_COUNTS))
 
+    def needed_duty(self) -> int | None:
+        """Return the duty that drives the largest current asked of a tendon motor at rest; None where none is asked."""
+        if not self.needed_a or not isinstance(self.motor, TendonServo):
+            return None
+        return self.counts("goal_pwm", self.motor.standstill_duty(self.needed_a), math.ceil)
+
     def window(self, end: Literal["min_position_limit", "max_position_limit"]) -> int:
         """Return the end of what the drive may be told; a tendon motor's modes have no such ends."""
         drive = self.motor
@@ -133,7 +139,11 @@ def _drive_only(register: Literal["min_position_limit", "max_position_limit"]) -
     return lambda post, _: post.window(register) if post.is_drive else None
 
 
-_WIDEN = "make the rig's drive_window_deg smaller, or widen this limit with `sinew doctor --fix`"
+_RAISE = "raise this limit with the maker's Wizard if the laboratory allows it"
+_WIDEN = (
+    "make the rig's drive_window_deg smaller, or widen this limit: `sinew doctor --fix` does where a run has set it, "
+    "the maker's Wizard where the laboratory has"
+)
 
 KNOWN_STATE: tuple[Row, ...] = (
     Row("return_delay_time", _is(0), "answers come at once, and their time is known"),
@@ -179,7 +189,21 @@ KNOWN_STATE: tuple[Row, ...] = (
         "it reports a supply that the rig does not allow",
         "at least",
     ),
-    Row("pwm_limit", lambda post, _: post.full_duty(), "the drive's ceiling is the twin's; less measures another rig"),
+    Row(
+        "pwm_limit",
+        lambda post, _: post.full_duty() if post.is_drive else None,
+        "the drive's ceiling is the twin's; less measures another rig",
+        "refused below",
+        advice=f"lower the rig's drive.duty_limit to it, or {_RAISE}",
+    ),
+    Row(
+        "pwm_limit",
+        lambda post, _: None if post.is_drive else post.needed_duty(),
+        "it pulls as much as the plan asks",
+        "refused below",
+        advice=f"lower the plan's pretension, or {_RAISE}",
+    ),
+    Row("pwm_limit", lambda post, _: post.full_duty(), "the drive's ceiling is the twin's", "at most"),
     Row(
         "current_limit",
         _needed,
@@ -220,7 +244,12 @@ KNOWN_STATE: tuple[Row, ...] = (
     Row("feedforward_2nd_gain", _is(0), "the twin's loop has none"),
     Row("feedforward_1st_gain", _is(0), "the twin's loop has none"),
     Row("bus_watchdog", _is(0), "off until there is torque; writing 0 clears one that has tripped", is_goal=True),
-    Row("goal_pwm", lambda post, _: post.full_duty(), "every stop leaves a fraction there", is_goal=True),
+    Row(
+        "goal_pwm",
+        lambda post, counts: min(post.full_duty(), counts["pwm_limit"]),
+        "every stop leaves a fraction there",
+        is_goal=True,
+    ),
     Row(
         "goal_current",
         lambda post, counts: 0 if post.mode == CURRENT_MODE else counts["current_limit"],
@@ -255,6 +284,21 @@ class Setting:
     expected: int
     is_refused: bool = False
     advice: str = ""
+
+
+def may_be_widened(motor: Motor, register: str, counts: Mapping[str, int]) -> bool:
+    """Return whether Sinew may write a register that a run refuses, given what the motor holds.
+
+    Limits belong to the laboratory, and a stricter one stays. Only the drive's window of position, as wide as the rig's
+    or cut off by the end of the turn, is what a run about this middle or another has left there.
+    """
+    if not register.endswith("_limit"):
+        return True
+    if not isinstance(motor, DriveServo) or not register.endswith("position_limit"):
+        return False
+    low, high = counts["min_position_limit"], counts["max_position_limit"]
+    is_cut = low == 0 or high == COUNTS_PER_TURN - 1
+    return high - low == 2 * motor.reach or (is_cut and high - low < 2 * motor.reach)
 
 
 def registers_read(motor: Motor) -> tuple[str, ...]:

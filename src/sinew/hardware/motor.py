@@ -313,6 +313,7 @@ class TendonServo(Motor):
         self.goal_current = GoalEncoder(name, row, pull, low=-most, high=most)
         servo = SERVOS[table.model]
         self._stall_current = servo.stall_current * servo.supply_share(supply)
+        self._no_load_speed = servo.no_load_speed * servo.supply_share(supply)
 
     def angle(self) -> float:
         """Return the angle of the horn [rad], from the encoder's zero and over all turns. Raises DeviceError."""
@@ -333,6 +334,10 @@ class TendonServo(Motor):
     def standstill_duty(self, current: float) -> float:
         """Return the share of the supply, 0 to 1 and more, that drives a current [A] through the motor at rest."""
         return current / self._stall_current
+
+    def turning_current(self, speed: float) -> float:
+        """Return the current [A] through the motor at rest of the duty that turns it, unloaded, at a speed [rad/s]."""
+        return self._stall_current * abs(speed) / self._no_load_speed
 
     def limit_output(self, current: float) -> None:
         """Have the motor, torque on or off, drive at most so much current through itself at rest [A].
@@ -361,7 +366,8 @@ class DriveServo(Motor):
     """The motor that swings the lever against the head, in position mode.
 
     zero: counts of the encoder with the lever in its middle. sign: 1 where more counts turn it positively, else -1.
-    window: how far from the middle it may be told to go [rad]; position mode itself allows one turn.
+    window: how far from the middle it may be told to go [rad], and reach the same in counts; position mode itself
+    allows one turn.
     """
 
     def __init__(
@@ -369,7 +375,7 @@ class DriveServo(Motor):
     ) -> None:
         super().__init__(bus, name, device, table, sign)
         row = table["goal_position"]
-        reach = int(window / row.scale)
+        self.reach = reach = int(window / row.scale)
         self.zero = zero
         self.lowest_count, self.highest_count = max(0, zero - reach), min(COUNTS_PER_TURN - 1, zero + reach)
         self.goal_angle = GoalEncoder(name, row, sign, zero, self.lowest_count, self.highest_count)

@@ -5,8 +5,8 @@ reading and never repeated: the next cycle comes soon enough.
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,7 +30,9 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
-_CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
+_ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", "goal_position")
+_TURN = (*_ORDERS, *_PRESENT, "present_input_voltage", "present_temperature")
+_TOLD_MOST = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
 _FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
 _FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
 _BROKEN_MOST = 3  # fast reads in a row
@@ -89,7 +91,7 @@ class Reading:
     time: host's time at which the drive read its encoder [s]; what port and operating system take is not in it.
     climate: of the one motor that was asked for it this time. faults: answers that were not ok.
     lacks: who gave nothing that can be used, and why. sensors: in the order of the rig's, NaN for
-    one that gave no answer.
+    one that gave no answer. altered: what the one motor in turn holds, twice running, that nobody here has told it.
     """
 
     time: float
@@ -100,6 +102,7 @@ class Reading:
     faults: tuple[Reply, ...]
     lacks: tuple[Lack, ...] = ()
     sensors: tuple[float, ...] = ()
+    altered: str = ""
 
     @property
     def stale(self) -> tuple[str, ...]:
@@ -130,10 +133,12 @@ class _Present:
         self.name, self.id = motor.name, motor.id
         self.bounds = MotorBounds(motor.table, spec)
         self.objection = self.climate_objection = ""
-        short, long = lay_out(motor.table, _PRESENT), lay_out(motor.table, _CLIMATE)
-        self.ask, self.ask_climate = (Read(motor.id, block.address, block.length) for block in (short, long))
-        self._unpack, self._unpack_climate = short.unpack.unpack_from, long.unpack.unpack
-        _, duty, current, speed, angle, self._volt, self._degree = long.scales
+        short, long = lay_out(motor.table, _PRESENT), lay_out(motor.table, _TURN)
+        self.ask, self.ask_turn = (Read(motor.id, block.address, block.length) for block in (short, long))
+        self._unpack, self._unpack_turn = short.unpack.unpack_from, long.unpack.unpack
+        self._before = short.address - long.address  # bytes of the orders
+        self._motor, self._odd = motor, ""
+        *_, duty, current, speed, angle, self._volt, self._degree = long.scales
         sign = motor.sign
         self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
         self._zero = zero
@@ -145,7 +150,7 @@ class _Present:
         self.objection = ""
         if not reply.ok:
             return None
-        counts = self._unpack(reply.data) if not reply.rivals else self._only_fresh(reply, time)
+        counts = self._counts(reply.data) if not reply.rivals else self._only_fresh(reply, time)
         if counts is None:
             self.objection = "two answers come under its id, and differ: do two devices have it?"
             return None
@@ -161,21 +166,40 @@ class _Present:
         return MotorReading(angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert)
 
     def climate(self, reply: Reply, time: float) -> Climate | None:
-        """Return voltage and temperature out of an answer to `ask_climate`; None, and `climate_objection`, where they
+        """Return voltage and temperature out of an answer to `ask_turn`; None, and `climate_objection`, where they
         cannot be true."""
-        *_, voltage, temperature = self._unpack_climate(reply.data)
+        *_, voltage, temperature = self._unpack_turn(reply.data)
         volts, degrees = voltage * self._volt, temperature * self._degree
         self.climate_objection = self.bounds.climate_objection(volts, degrees, time)
         return None if self.climate_objection else Climate(self.name, volts, degrees)
 
+    def altered(self, reply: Reply, goals: Collection[int], but: str) -> str:
+        """Return what an answer to `ask_turn` and the one before it hold, under torque, that nobody here has told it.
+
+        goals: counts of goal_position that it was told lately. but: a register that may change.
+        """
+        before, self._odd = self._odd, ""
+        kept = self._motor.kept
+        if kept.get("torque_enable"):
+            found = dict(zip(_ORDERS, self._unpack_turn(reply.data), strict=False))
+            goal = found.pop("goal_position")
+            odd = [f"{name} {count}" for name, count in found.items() if name != but and kept.get(name, count) != count]
+            odd += [f"goal_position {goal}"] if goals and goal not in goals else []
+            self._odd = f"{self.name} (id {self.id}) holds {', '.join(odd)}" if odd else ""
+        return self._odd if before else ""
+
     def forget(self) -> None:
         """Take the next answer as fresh, and its position for possible."""
+        self._odd = ""
         self.track.reset()
         self.bounds.forget()
 
+    def _counts(self, data: bytes) -> tuple[int, ...]:
+        return self._unpack(data, self._before if len(data) > self.ask.length else 0)
+
     def _only_fresh(self, reply: Reply, time: float) -> tuple[int, ...] | None:
         """Return the counts of the one of several answers that belongs to a host time [s]; None where two do."""
-        told = [self._unpack(data) for data in (reply.data, *reply.rivals)]
+        told = [self._counts(data) for data in (reply.data, *reply.rivals)]
         fresh = [counts for counts in told if self.track.could_be(counts[0], time)]
         return None if len(fresh) > 1 else (fresh or told)[0]
 
@@ -222,6 +246,7 @@ class Rig:
         self._presents = (*self._tendon_presents, self._drive_present)
         self._turns = [self._reads(index) for index in range(len(self._presents))]
         self._turn = self._broken = 0
+        self._told: deque[dict[int, int]] = deque(maxlen=_TOLD_MOST)
         self.reads = Reads("plain")
 
     @property
@@ -292,7 +317,7 @@ class Rig:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
 
         The drive answers first and the IMU second; sensors with a node of their own are asked after it, one by one. One
-        motor in turn also tells its climate. Raises PortError.
+        motor in turn also tells its climate, its bus watchdog and its goals. Raises PortError.
         """
         turn, bus = self._turn, self.bus
         self._turn = (turn + 1) % len(self._turns)
@@ -308,6 +333,7 @@ class Rig:
         fresh = drive if asked is self._drive_present else tendons[turn]
         told_climate = fresh is not None and not replies[asked.id].rivals
         climate = asked.climate(replies[asked.id], time) if told_climate else None
+        altered = asked.altered(replies[asked.id], *self._orders_of(asked)) if told_climate else ""
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
         told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
@@ -318,7 +344,12 @@ class Rig:
                 lacks += (Lack(asked.name, "impossible", asked.climate_objection),)
             self.stale.update([lack.name for lack in lacks if lack.why == "stale"])
             self.impossible.update([lack.name for lack in lacks if lack.why == "impossible"])
-        return Reading(time, drive, tendons, imu, climate, faults, lacks, told)
+        return Reading(time, drive, tendons, imu, climate, faults, lacks, told, altered)
+
+    def _orders_of(self, asked: _Present) -> tuple[Collection[int], str]:
+        """Return the positions that a motor was told lately, and the register of its goals that may change."""
+        by_current = self._mode == "current" and asked is not self._drive_present
+        return ([] if by_current else [goals[asked.id] for goals in self._told]), "goal_current" if by_current else ""
 
     def _give_up_if_broken(self, replies: Mapping[int, Reply]) -> None:
         """Go over to plain reads where the common packet breaks off again and again: one who is silent silences all
@@ -359,6 +390,7 @@ class Rig:
         for motor, goal in zip(self.tendons, tendon_goals, strict=True):
             encoder = motor.goal_current if by_current else motor.goal_angle
             writes.append(Write(motor.id, encoder.address, encoder.encode(goal)))
+        self._told.append({write.id: int.from_bytes(write.data, "little", signed=True) for write in writes})
         if by_current:
             self.bus.bulk_write(writes)
         else:  # the same register of all: four bytes less for each of them on the wire
@@ -446,6 +478,7 @@ class Rig:
         Raises DeviceError.
         """
         angles = []
+        self._told.clear()
         for motor, present in zip(self.tendons, self._tendon_presents, strict=True):
             angles.append(motor.angle())
             count = round(motor.sign * angles[-1] / motor.table["present_position"].scale)
@@ -460,7 +493,7 @@ class Rig:
 
     def _reads(self, turn: int) -> list[Read]:
         """Return what is asked in a cycle, in the order of the answers."""
-        asked = [p.ask_climate if index == turn else p.ask for index, p in enumerate(self._presents)]
+        asked = [p.ask_turn if index == turn else p.ask for index, p in enumerate(self._presents)]
         sensor = [self.imu.ask] if self.imu.is_grouped else []
         return [asked[-1], *sensor, *asked[:-1]]
 
