@@ -85,6 +85,11 @@ EQUIVALENT = {
         "self._laws = [Law()] * (count + 2)",
     ): "the list is read and written by the number of a motor alone, of which there are count + 1",
     (
+        "bench/record/conversion.py",
+        "dx, dy = x - mean_x, y - mean_y",
+        "dx, dy = x - mean_x, y + mean_y",
+    ): "the weighted sum of dx is zero, so a constant added to dy leaves the slope as it is",
+    (
         "emulator/rig.py",
         "self.due = min(self.due, now + _STEP)",
         "self.due = min(self.due, now - _STEP)",
