@@ -84,6 +84,16 @@ EQUIVALENT = {
         "self._laws = [Law()] * (count + 1)",
         "self._laws = [Law()] * (count + 2)",
     ): "the list is read and written by the number of a motor alone, of which there are count + 1",
+    (
+        "bench/record/conversion.py",
+        "dx, dy = x - mean_x, y - mean_y",
+        "dx, dy = x - mean_x, y + mean_y",
+    ): "the weighted sum of dx is zero, so a constant added to dy leaves the slope as it is",
+    (
+        "emulator/rig.py",
+        "self.due = min(self.due, now + _STEP)",
+        "self.due = min(self.due, now - _STEP)",
+    ): "a trip is looked at once more, at its own moment, when the horn has turned by nothing yet",
 }
 """Why a mutation changes nothing that anybody can see, by file, the line that it changes, and the line as changed."""
 
@@ -104,8 +114,8 @@ def named(root: Path = ROOT) -> list[Mutation]:
 def _why_equivalent(mutation: Mutation, root: Path) -> str:
     """Return why a mutation changes nothing that anybody can see; empty where that is not known."""
     text = (root / "src/sinew" / mutation.file).read_text(encoding="utf-8")
-    lines = (whole.splitlines()[mutation.line - 1].strip() for whole in (text, mutation.made(text)))
-    return EQUIVALENT.get((mutation.file, *lines), "")
+    before, after = (whole.splitlines()[mutation.line - 1].strip() for whole in (text, mutation.made(text)))
+    return EQUIVALENT.get((mutation.file, before, after), "")
 
 
 def _offsets(text: str) -> list[int]:

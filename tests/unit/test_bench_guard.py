@@ -217,15 +217,24 @@ def test_a_rate_that_stands_still_does_not_turn_the_head_further() -> None:
     assert abs(guard.torsion) < math.radians(10)
 
 
-def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unknown() -> None:
-    stood = [replace(reading(k), imu=reading(min(k, 4)).imu) for k in range(10)]
-    told = [*stood, *map(reading, range(10, 20))]
+def looped(told: list[Reading]) -> Loop:
+    """Return a loop whose rig gives these readings one by one."""
     rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
     rig.pace = lambda _period: None
     clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
     guard.check = guard.forget = lambda *_: None
     tilt = SimpleNamespace(update=lambda *_: 0.0, components=(0.0, 0.0))
-    loop = Loop(cast("Any", rig), cast("Any", clock), cast("Any", guard), cast("Any", tilt), PERIOD, lambda _: None)
+    return Loop(cast("Any", rig), cast("Any", clock), cast("Any", guard), cast("Any", tilt), PERIOD, lambda _: None)
+
+
+def test_a_cycle_without_an_answer_of_the_sensor_is_recorded_without_its_values() -> None:
+    sample = looped([replace(reading(), imu=None)]).cycle()
+    assert all(math.isnan(value) for value in (sample.imu_time_s, sample.imu_counter_s, *sample.gyro_rad_s))
+
+
+def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unknown() -> None:
+    stood = [replace(reading(k), imu=reading(min(k, 4)).imu) for k in range(10)]
+    loop = looped([*stood, *map(reading, range(10, 20))])
     known = [not math.isnan(loop.cycle().gyro_rad_s[0]) for _ in range(20)]
     mixed = SPEC.imu.average_samples - 1  # of the means after the standstill, so many reach back before it
     assert known == [True] * 10 + [False] * mixed + [True] * (10 - mixed)

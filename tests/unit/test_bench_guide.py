@@ -10,7 +10,7 @@ from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding
 from sinew.bench.guide import STEPS, Guide, OpenRig, Step, arrange, lead, look_around, turned_frame
-from sinew.bench.guide_moves import Pull, pull_current
+from sinew.bench.guide_moves import Pull, moving, pull_current
 from sinew.emulator.found import Hands, VirtualPort, draw_unbuilt
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
@@ -23,6 +23,27 @@ from sinew.plan.rig import RigSpec
 DEVICES = STEPS[:2]
 
 
+def rigged(spec: RigSpec) -> tuple[Rig, VirtualPort, EmulatedRig]:
+    """Return a rig in virtual time, whose motors turn without a joint."""
+    emulated = EmulatedRig(spec, Unloaded(4, spec))
+    port = VirtualPort(emulated)
+    return Rig(Bus(port, port), port, spec), port, emulated
+
+
+def test_a_move_that_breaks_off_takes_the_torque_from_its_motor_and_says_why() -> None:
+    rig, port, emulated = rigged(paper_rig())
+
+    def move() -> None:
+        with moving(rig, port, [rig.drive], lambda: None) as loop:
+            loop.run(0.1)
+            assert emulated.states()[rig.drive.id].torque
+            raise StoppedError("the input ended")
+
+    with pytest.raises(StoppedError, match="the input ended"):
+        move()
+    assert not emulated.states()[rig.drive.id].torque
+
+
 @pytest.mark.parametrize(("limit_a", "most"), [(1.3, 0.0423), (0.1, 0.025)])
 def test_a_tendon_is_pulled_with_first_contacts_current_and_a_quarter_of_the_limit_at_most(
     limit_a: float, most: float
@@ -30,8 +51,7 @@ def test_a_tendon_is_pulled_with_first_contacts_current_and_a_quarter_of_the_lim
     # 8.868 N at the paper's pulley and 2.62 N m/A are 42.3 mA; a count is 2.69 mA.
     spec = paper_rig()
     spec = spec.model_copy(update={"limits": spec.limits.model_copy(update={"tendon_current_a": limit_a})})
-    port = VirtualPort(EmulatedRig(spec, Unloaded(4, spec)))
-    assert pull_current(Rig(Bus(port, port), port, spec)) == pytest.approx(most - 0.00135, abs=0.00135)
+    assert pull_current(rigged(spec)[0]) == pytest.approx(most - 0.00135, abs=0.00135)
 
 
 class Somebody:

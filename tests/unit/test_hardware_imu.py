@@ -210,6 +210,17 @@ def test_a_sample_that_cannot_follow_the_last_one_is_told(
     assert bounds.objection((rate, 0.0, 0.0), forces, counter, clock) == found
 
 
+@pytest.mark.parametrize(("counter", "clock"), [(2_000, 1_000_000), (1_000_000, 1_000_300), (2**32 - 100, 200)])
+def test_the_first_sample_may_be_of_any_time_before_its_answer(counter: int, clock: int) -> None:
+    assert SensorBounds(paper_rig()).objection((0.0, 0.0, 0.0), (16_384, 0, 0), counter, clock) == ""
+
+
+@pytest.mark.parametrize(("counter", "clock"), [(1_000_000, 900_000), (200, 2**32 - 100_000)])
+def test_the_first_sample_cannot_be_dated_after_its_answer(counter: int, clock: int) -> None:
+    found = SensorBounds(paper_rig()).objection((0.0, 0.0, 0.0), (16_384, 0, 0), counter, clock)
+    assert found == "its sample is dated after its answer"
+
+
 def test_the_strongest_swing_of_the_paper_is_far_inside_what_a_sample_may_do(bounds: SensorBounds) -> None:
     # 60° at 4.3 Hz: the rate reaches 28 rad/s, and changes by 3.8 rad/s in 5 ms where it is quickest.
     rates = [math.radians(60) * math.tau * 4.3 * math.sin(math.tau * 4.3 * 5e-3 * n) for n in range(200)]

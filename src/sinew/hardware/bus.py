@@ -164,8 +164,8 @@ class Statistics:
     answers: status packets that belonged to a question. silent, damaged, refused, wrong_length, alerts: of those asked.
     strays: whole packets nobody asked for (late, doubled, of another id). echoes: our own, which the adapter returned;
     they are dropped. rivals: second answers under one id that differ from the first.
-    crc_errors: packets of full length with a wrong CRC. heard_damaged: of the refused, those to an instruction whose CRC
-    was wrong when it reached the device. discarded_bytes: belonging to no packet.
+    crc_errors: packets of full length with a wrong CRC. heard_damaged: of the refused, those to an instruction that
+    reached its device with a wrong CRC. discarded_bytes: belonging to no packet.
     """
 
     transactions: int = 0

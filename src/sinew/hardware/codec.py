@@ -221,7 +221,7 @@ class Decoder:
     once. Inside a fast status, which is not stuffed, it may be data: then both are followed, and the one that is whole
     and has the right CRC first wins.
 
-    crc_errors: packets of full length whose CRC was wrong. damaged: id and instruction of the newest of them, as received.
+    crc_errors: packets of full length whose CRC was wrong. damaged: id and instruction of the newest, as received.
     discarded: bytes that belonged to no packet.
     """
 
