@@ -80,7 +80,8 @@ def test_the_folder_of_an_analysis_holds_the_same_document(
 ) -> None:
     found = run(capsys, "analyse", decay, *COLUMNS, "--out", tmp_path / "out")
     assert json.loads((tmp_path / "out" / "analysis.json").read_text(encoding="utf-8")) == found
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"analysis.json", "recording.nc"}
+    files = {"analysis.json", "recording.nc", "decay.png", "decay.pdf"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == files
 
 
 def test_an_imported_table_is_analysed_as_the_table_would_be(
@@ -207,6 +208,7 @@ def test_settling_cannot_be_chosen_once_the_groups_are_cut(
     run(capsys, "analyse", wide_sweep, *SWEEP, "--out", tmp_path / "out")
     assert main(["analyse", str(tmp_path / "out" / "recording.nc"), "--settle", "1"]) == 2
     assert "comes too late" in capsys.readouterr().err
+    assert (tmp_path / "out" / "response.png").is_file()
 
 
 def test_a_stretch_of_an_imported_recording_is_analysed_as_that_of_the_table(

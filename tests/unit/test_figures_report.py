@@ -206,6 +206,17 @@ def test_a_foreign_recording_gets_a_report_without_the_papers_sections(tmp_path:
     assert found == {"measured", "figures", "rebuild"}
 
 
+def test_a_foreign_report_has_no_row_of_the_papers_experiment_though_its_rig_is_named(tmp_path: Path) -> None:
+    results = foreign_ring_down()[1]
+    effects = [{"effect": "no friction", **dict.fromkeys(SHARES, 1.0)}]
+    path = write_report(tmp_path, results=results, rig=load_rig("paper"), determination=DETERMINATION, effects=effects)
+    found = set(re.findall(r'<section id="([^"]+)"', path.read_text(encoding="utf-8")))
+    assert not found & {"paper", "determined", "effects"}
+
+
+SHARES = ("resonance_hz_0", "resonance_hz_12", "gain_0", "gain_12", "damping_0", "damping_12")
+
+
 def test_the_report_leaves_no_other_file_behind(tmp_path: Path) -> None:
     write_report(tmp_path / "out", results=foreign_ring_down()[1])
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["report.html"]

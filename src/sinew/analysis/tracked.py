@@ -13,7 +13,7 @@ import xarray as xr
 from sinew.analysis.signal.signals import DelayBudget, Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, Estimate, finite, fixed, number, pair, shown
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, fixed, number, shown
 from sinew.measure.told import Table
 
 if TYPE_CHECKING:
@@ -306,11 +306,10 @@ def tracking_told(document: Mapping[str, Any]) -> list[Table | str]:
 def point_row(track: Mapping[str, Any]) -> list[str]:
     """Return the row of a tracked motion at one pretension, by `POINT_COLUMNS`."""
     point = track["point"]
-    half = 0.5 * (point["frequency_hz"]["interval90"][1] - point["frequency_hz"]["interval90"][0])
     return [
         f"{track['pretension_mm']:g}",
         f"{track['amplitude_deg']:g}",
-        pair(point["frequency_hz"]["value"], half),
+        shown(point["frequency_hz"]),
         number(point["predicted_hz"]),
         *(shown(point[name]) for name in ("torsion_deg", "lever_deg", "damping_ratio")),
         fixed(track["lock_cycles"], 0),

@@ -14,7 +14,7 @@ from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sa
 from sinew.analysis.signal.nonlinear import Linearised, Model, Solution, least_squares
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import ROUND_OFF, Estimate
 
 
 def lehr_damping(decay_rate: Any, omega: Any) -> Any:
@@ -290,7 +290,6 @@ def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array
 
 _ROUNDS = 6
 _SETTLED = 1e-3  # change of the noise's coefficients that ends the rounds
-_PERFECT = 1e-12  # of the data: a residual this small is round-off, not noise
 
 
 @dataclass(frozen=True)
@@ -355,7 +354,7 @@ def _settle(model: Model, start: Array, data: Array, coloured: bool) -> Likeliho
         p = found.parameters
         values, slope = model(p)
         residual, slopes = data - values, slope()
-        telling = coloured and float(residual.std()) > _PERFECT * float(np.ptp(data))
+        telling = coloured and float(residual.std()) > ROUND_OFF * float(np.ptp(data))
         after = autoregression(residual, orthonormal(slopes))[0] if telling else np.zeros(0)
         moved = np.zeros(max(after.size, noise.size))
         moved[: after.size] += after

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -42,7 +42,7 @@ from sinew.analysis.decay.samples import Samples, read_samples
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, Estimate, finite, number
+from sinew.measure.estimate import NORMAL_90, ROUND_OFF, Estimate, finite, number
 from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
 from sinew.measure.tasks import halved
@@ -55,8 +55,7 @@ _GOOD_ENOUGH = 0.03  # or its damping is as certain as this
 _FEWEST = 4  # peaks of a window
 _FAST = 0.15  # relative difference of the half cycles of such a window that makes one mean amplitude meaningless
 _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for the filter of `peaks`
-SIGNIFICANCE = 0.01
-_TOLD = 0.001  # significance from which on one exponential is called wrong: of many records none should be for nothing
+SIGNIFICANCE = 0.01  # of the F test: from here on a decay is read, and called, other than one exponential
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
 _STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
@@ -168,12 +167,12 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
     bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from
     `amplitude_dependence`; unit: of the amplitude, for the sentence.
 
-    Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 0.1 % level (F
+    Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 1 % level (F
     test, covariance for coloured noise, effective degrees of freedom), and (2) the change matters: between the first
     and the last quarter of the range of ln amplitude the damping ratio changes by more than 10 % or the frequency by
     more than 1 % (weighted means of the windows whose damping is known to 20 %; with fewer than three such windows, the
-    bent fit between the first amplitude and a fifth of it). The second condition keeps a record without noise from
-    being called wrong for nothing.
+    bent fit between the first amplitude and a fifth of it). The second condition keeps a record with hardly any
+    noise from being called wrong for nothing.
     """
     p_value = bend_p_value(bent) if p_value is None else p_value
     solid = table.damping_ratio_std < 0.2 * np.abs(table.damping_ratio)
@@ -192,7 +191,7 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
         abs(changes[1]) > max(_FREQUENCY_EFFECT, _LEANS * abs(float(damping[1] - damping[0])))
         and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
     )
-    exponential = not (p_value < _TOLD and any(matters))
+    exponential = not (p_value < SIGNIFICANCE and any(matters))
     reason = _praise(changes, p_value) if exponential else _blame(damping, frequency, matters, span, unit)
     return DecayShape(exponential, reason, p_value, *changes)
 
@@ -231,7 +230,7 @@ def _ends_of_bent(bent: DecayFit) -> tuple[Array, Array]:
 
 
 def _praise(changes: tuple[float, ...], p_value: float) -> str:
-    if p_value >= _TOLD:
+    if p_value >= SIGNIFICANCE:
         return (
             "damping and frequency change with the amplitude by no more than the residual of the fit explains "
             f"(p = {p_value:.2g}): one exponential describes the decay"
@@ -389,6 +388,8 @@ def _analysed(
     table = amplitude_dependence(times, heights, peaks.value_std)
     peak_unit = _integrated(unit) if is_rate else unit
     shape = judge_shape(read.bent, table, peak_unit, read.p_value)
+    if sought.is_exact:
+        shape = replace(shape, reason=_EXACT)
     poles, by_noise, by_misfit, why = _poles(read, sought, strongest)
     parts = _parts(poles, by_noise, by_misfit, read.degrees_of_freedom, samples.clock_std)
     found = {name: one.together for name, one in parts.items()}
@@ -398,6 +399,8 @@ def _analysed(
             f"no frequency can be told: the oscillation has {frequency.shown('Hz')}; record more of it, with less noise"
         )
     rest = read.bent if read.p_value < SIGNIFICANCE else fit
+    drift, drift_std = rest.drift()
+    drift = drift if abs(drift) > ROUND_OFF * fit.amplitude else 0.0
     paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
     remarks = samples.remarks
     if strongest:
@@ -412,7 +415,7 @@ def _analysed(
         quality=_quality(found["damping_ratio"]),
         parts=parts,
         misfit=_misfit_said(parts, why),
-        rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
+        rest_drift=Estimate.student(drift, drift_std, rest.degrees_of_freedom),
         paper=paper,
         withheld=_withheld(paper, found, by_period, strongest > 0),
         shape=shape,
@@ -456,6 +459,11 @@ _ALL_OF_IT = 1.5  # times the noise is what such modes leave of the record
 _SURE_TO_DECAY = 4.0  # standard deviations of the rate of a mode that beats with another
 
 
+_EXACT = (
+    "one exponential leaves nothing but the round-off of the numbers: there is no noise, so no uncertainty is known"
+)
+
+
 class _Sought(NamedTuple):
     """A free decay in a record: its fit, the samples of that, (n,) each, its peaks, and whether these are about zero,
     for they were found in a band."""
@@ -471,6 +479,11 @@ class _Sought(NamedTuple):
         """Return the energy of the oscillation in the window, unit of the response squared times seconds."""
         swing = self.fit.model(self.t) - self.fit.rest(self.t)
         return float(np.mean(swing**2)) * self.fit.window_s
+
+    @property
+    def is_exact(self) -> bool:
+        """Return whether the fit leaves only round-off, as of a record that was computed: it tests nothing."""
+        return float(np.std(self.fit.residual)) <= ROUND_OFF * float(np.ptp(self.x))
 
     @property
     def explained(self) -> float:
@@ -642,7 +655,7 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     fit, t, x, peaks = sought.fit, sought.t, sought.x, sought.peaks
     times, heights = _heights(peaks, fit, sought.centred)
     bent = fit_bent(t, x, fit, times, np.abs(heights))
-    p_value = bend_p_value(bent)
+    p_value = 1.0 if sought.is_exact else bend_p_value(bent)
     if p_value < SIGNIFICANCE and not sought.centred:
         times, heights = _heights(peaks, bent, False)
     moves = p_value < SIGNIFICANCE or fit.bending
@@ -660,7 +673,7 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
         course = course if two is None else two
     else:
         course = exponential_course(t, x, fit)
-    several = with_further_modes(t, x, course)
+    several = course if sought.is_exact else with_further_modes(t, x, course)
     if len(several.model.bases) > 1 and several.functions > 2:
         simple = with_further_modes(t, x, exponential_course(t, x, fit))
         if not clearly_better(simple, several, _PLAIN_BETTER):
@@ -691,6 +704,8 @@ def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array
     if read.is_plain:
         fit = read.fit
         poles, noise = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
+        if sought.is_exact:
+            return poles, noise, np.zeros_like(noise), []
         _, gradient = course.poles()
         grown = gradient @ (course.grown - course.covariance) @ gradient.T
     else:

@@ -11,6 +11,8 @@ from sinew.apps.console import Json, option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from sinew.analysis.analysed import Analysed
     from sinew.measure.schema import ReadKind
 
@@ -35,7 +37,7 @@ def analyse(
         float | None, option("S", "Broadband, impact: length of a segment, or behind a hit [s]; else by the record.")
     ] = None,
     rig: Annotated[str | None, option("RIG", "A rig: inertia and sensor delays; else the recording's.")] = None,
-    out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figure.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figures.")] = None,
     json: Json = False,
 ) -> None:
     """Analyse a ring-down, a sweep, a broadband record, hammer blows or a whole recording.
@@ -109,11 +111,27 @@ def _write(found: "Analysed", folder: Path) -> None:
         from sinew.figures.tuned import save_tracking
 
         save_tracking(found.document["tracking"], folder)
-    if found.document["kind"] in ("broadband", "impact"):
-        from sinew.figures.response import draw_broadband
+    for name, figure in _figures(found).items():
         from sinew.figures.style import save_figure
 
-        save_figure(draw_broadband(found.document), folder, str(found.document["kind"]), ("png", "pdf"))
+        save_figure(figure, folder, name, ("png", "pdf"))
+
+
+def _figures(found: "Analysed") -> "dict[str, Figure]":
+    """Return the figures of what was found by name: of many frequencies or hammer blows one, else response and decay,
+    each where there is one."""
+    from sinew.analysis.analysed import analyse_recording
+    from sinew.figures.decay import draw_decay
+    from sinew.figures.response import draw_broadband, draw_response
+
+    kind = str(found.document["kind"])
+    if kind in ("broadband", "impact"):
+        return {kind: draw_broadband(found.document)}
+    if found.dataset is None and kind != "ring-down":
+        return {}
+    results = analyse_recording(found.recording) if found.dataset is None else found.dataset
+    drawn = {"response": draw_response(results), "decay": draw_decay(found.recording, results)}
+    return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
 # ---- the command `sinew current`: whose current the motors of a recording tell, their own or their supply's

@@ -93,7 +93,7 @@ def table(
         Path,
         typer.Argument(
             metavar="RESULT",
-            help="What --json of a command printed (.json), results or a recording (.nc), or the folder of a campaign.",
+            help="What --json of a command printed (.json), results or a recording (.nc), or the folder of its --out.",
         ),
     ],
     to: Annotated[str, option("latex|csv", "The format, where --out does not say it.")] = "latex",
@@ -138,8 +138,8 @@ def table(
 
 
 def _result_document(source: Path) -> dict[str, Any]:
-    """Return the document of a result: of a file of JSON, of results, of a recording, or of a campaign's folder, whose
-    summary has the paper's numbers."""
+    """Return the document of a result: of a file of JSON, of results, of a recording, of a campaign's folder, whose
+    summary has the paper's numbers, or of the folder that a command made with --out."""
     from sinew.analysis.analysed import analyse, results_document
     from sinew.measure.errors import SchemaError
     from sinew.measure.files.netcdf import load_results
@@ -150,8 +150,12 @@ def _result_document(source: Path) -> dict[str, Any]:
             found |= results_document(load_results(source / "results.nc"))
         if (source / "summary.json").is_file():
             found["paper"] = _read_json(source / "summary.json").get("paper", [])
+        documents = [] if found else sorted(source.glob("*.json"))
+        if len(documents) == 1:  # what --out of analyse, identify, predict, design, ... leaves
+            return _read_json(documents[0])
         if not found:
-            raise FileError(f"found no results.nc or summary.json in {source}; name a campaign's folder, or a file")
+            said = " and ".join(one.name for one in documents) or "no results.nc, summary.json or other document"
+            raise FileError(f"found {said} in {source}, expected the results of one command; name a file in it")
         return found
     if source.suffix == ".json":
         return _read_json(source)

@@ -8,7 +8,7 @@ import typer
 from sinew.apps import console
 from sinew.apps.console import Json, Start, Stop, option
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate, finite, fixed, number, pair
+from sinew.measure.estimate import Estimate, finite, fixed, number, shown_interval
 
 if TYPE_CHECKING:
     from sinew.tune.gait import BoutGait, GaitTarget
@@ -172,9 +172,9 @@ def _print(document: dict[str, Any]) -> None:
                 f"{number(row['start_s'])}-{number(row['stop_s'])}",
                 fixed(row["speed_m_s"], 2),
                 number(row["strides"], 3),
-                _cell(row["stride_frequency_hz"]),
-                _cell(row["yaw_amplitude_deg"]),
-                _cell(row["yaw_peak_to_peak_deg"]),
+                shown_interval(row["stride_frequency_hz"]),
+                shown_interval(row["yaw_amplitude_deg"]),
+                shown_interval(row["yaw_peak_to_peak_deg"]),
                 fixed(row["regularity"], 2),
             )
         )
@@ -185,9 +185,3 @@ def _print(document: dict[str, Any]) -> None:
         print(f"- {sentence}")
     for file in document.get("files", []):
         print(f"wrote {file}")
-
-
-def _cell(quantity: dict[str, Any]) -> str:
-    """Return value ± half of the 90 % interval."""
-    low, high = quantity["interval90"]
-    return pair(quantity["value"], None if low is None or high is None else 0.5 * (high - low))

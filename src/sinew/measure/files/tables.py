@@ -95,13 +95,37 @@ def _found(name: str, part: Mapping[str, Any]) -> Iterator[Rows]:
         if isinstance(cell, Mapping) and not is_quantity(cell):
             yield from _found(path, cell)
         elif isinstance(cell, list) and cell and all(isinstance(row, Mapping) for row in cell):
-            rows = [
-                {k: c for k, c in _joined(row).items() if is_quantity(c) or not isinstance(c, Mapping | list)}
-                for row in cell
-            ]
-            columns = tuple(dict.fromkeys(k for row in rows for k in row))
-            if columns:
-                yield Rows(path, columns, tuple(tuple(row.get(k) for k in columns) for row in rows))
+            yield from _of_rows(path, cell)
+
+
+def _of_rows(name: str, cell: Sequence[Mapping[str, Any]]) -> Iterator[Rows]:
+    """Yield the table of a list of rows, and one for each list of rows inside them, which begins with their first cell.
+
+    A group inside a row, as `peak`, makes columns, `peak_frequency_hz`.
+    """
+    rows = [_joined(_flat(row)) for row in cell]
+    columns = tuple(dict.fromkeys(k for row in rows for k in row))
+    if columns:
+        yield Rows(name, columns, tuple(tuple(row.get(k) for k in columns) for row in rows))
+    inside: dict[str, list[dict[str, Any]]] = {}
+    for row in cell:
+        first = dict(list(row.items())[:1])
+        for key, part in row.items():
+            if isinstance(part, list) and part and all(isinstance(one, Mapping) for one in part):
+                inside.setdefault(f"{name}_{key}", []).extend(first | dict(one) for one in part)
+    for path, found in inside.items():
+        yield from _of_rows(path, found)
+
+
+def _flat(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Return the cells of a row, those of its groups under their names; without lists."""
+    flat: dict[str, Any] = {}
+    for name, cell in row.items():
+        if isinstance(cell, Mapping) and not is_quantity(cell):
+            flat |= _flat(cell, f"{before}{name}_")
+        elif not isinstance(cell, list):
+            flat[f"{before}{name}"] = cell
+    return flat
 
 
 def _joined(row: Mapping[str, Any]) -> dict[str, Any]:
