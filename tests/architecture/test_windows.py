@@ -62,10 +62,10 @@ assert main(["--help"]) == 0
 assert main(["look", "decay.csv"]) == 0
 assert main(["analyse", "decay.csv", "--kind", "ring-down", "--out", "found"]) == 0
 assert main(["runs", "."]) == 0
-for command in (["run", "short", "--port", "COM3", "--out", "x"], ["emulate", "--link", "x"], ["stop", "--port", "COM3"],
-                ["doctor", "--port", "COM3"], ["track", "paper", "--emulate", "--out", "x"], ["serve"]):
-    print("command", command[0], file=sys.stderr)
-    assert main(command) == 2
+for line in ("run short --port COM3 --out x", "emulate --link x", "stop --port COM3", "doctor --port COM3",
+             "track paper --emulate --out x", "serve"):
+    print("command", line.split()[0], file=sys.stderr)
+    assert main(line.split()) == 2
 import sinew.apps.recordings.identify, sinew.apps.recordings.reproduce, sinew.apps.recordings.simulate
 import sinew.identify.identified, sinew.predict.predicted, sinew.predict.preview, sinew.bench.preflight
 import sinew.paper.report, sinew.twin.simulate, sinew.paper.answers.questions

@@ -1,8 +1,10 @@
 """Which stretch of a record is fitted: between two times, an angle unwrapped, the free part of a decay."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
@@ -112,3 +114,30 @@ def test_clipped_samples_that_are_counted_stay_with_a_remark() -> None:
     clipped = telling(replace(record, output=np.clip(record.output, -0.3, 0.3)), counted=True)
     assert clipped.size == record.size
     assert "samples are clipped or frozen, and fitted" in clipped.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("held_s", "noise_deg", "seed"), [(0.048, 0.02, 0), (0.2, 0.02, 0), (6.25, 0.02, 0), (6.25, 0.1, 0)]
+)
+def test_a_fit_starts_where_analyse_starts_after_a_release(held_s: float, noise_deg: float, seed: int) -> None:
+    """Held at 10°, let go at held_s. Nothing before it is fitted: a step would pass for a law, or a creeping rest."""
+    t = np.arange(0, held_s + 8, 0.005)
+    after = np.maximum(t - held_s, 0.0)
+    swing = 10 * np.exp(-0.03 * 6 * np.pi * after) * np.cos(6 * np.pi * after)
+    x = np.radians(swing + np.random.default_rng(seed).normal(0, noise_deg, t.size))
+    free = free_part(make_record(t, x, output_unit="rad"))
+    table = pd.DataFrame({"t_s": t, "x_rad": x})
+    analysed = sn.analyse(sn.read(table, time="t_s", response="x_rad", kind="ring-down"))
+    assert free.time_s[0] == pytest.approx(analysed.document["start_s"], abs=0.006)
+    assert held_s <= free.time_s[0] < held_s + 0.1
+    assert f"the motion is free from {free.time_s[0]:.4g} s on" in free.notes[-1]
+
+
+def test_a_start_before_the_release_is_said_with_a_time_to_try() -> None:
+    t = np.arange(0, 14, 0.005)
+    after = np.maximum(t - 6.25, 0.0)
+    x = np.radians(10 * np.exp(-0.03 * 6 * np.pi * after) * np.cos(6 * np.pi * after))
+    found = sn.identify(make_record(t, x, output_unit="rad"), "linear", start_s=6.2)
+    said = re.search(r"probably starts before the release; try --start (\d+\.?\d*)", found.document["message"])
+    assert said is not None
+    assert 6.25 <= float(said[1]) < 6.4

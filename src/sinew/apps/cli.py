@@ -100,9 +100,11 @@ class _Commands(Mapping[str, TyperCommand]):
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         epilog = "\n\n".join(f"Example: {one}" for one in COMMANDS[self.places[name]])
         needs_port = self.places[name].startswith("bench.") and name != "stream"  # which reads what a run wrote
-        alone.command(name, cls=console.PortCommand if needs_port else console.NumbersCommand, epilog=epilog)(
-            self.function(name)
-        )
+        kind = console.PortCommand if needs_port else console.NumbersCommand
+        function = self.function(name)
+        if not needs_port or name == "emulate":  # what a bench gave is never replaced
+            function = console.with_force(function)
+        alone.command(name, cls=kind, epilog=epilog)(function)
         return cast(TyperCommand, typer.main.get_command(alone))
 
     def function(self, name: str) -> Any:

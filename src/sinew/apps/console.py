@@ -1,5 +1,7 @@
 """The voice of the commands: results on stdout, progress and remarks on stderr, files whole or not at all."""
 
+import functools
+import inspect
 import json
 import math
 import os
@@ -7,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -126,12 +129,33 @@ def require_folder(folder: Path) -> Path:
     return folder
 
 
-def require_file(path: Path) -> Path:
-    """Return a path where a file can be written. Raises FileError before long work starts."""
+def require_file(path: Path, *, reads: Path | str | None = None) -> Path:
+    """Return a path where a file can be written, and where none is unless --force was given.
+
+    reads: a file that the command reads. Raises FileError before long work starts.
+    """
+    if path.exists() and not path.is_dir() and not _may_replace.get():
+        what = "is what the command reads" if reads and Path(reads).exists() and path.samefile(reads) else "exists"
+        raise FileError(f"{path} {what} and is not replaced; name another file, or replace it with --force")
+    return writable_file(path)
+
+
+def writable_file(path: Path) -> Path:
+    """Return a path where a file can be written, over one that is there. Raises FileError before long work starts."""
     if path.is_dir():
         raise FileError(f"cannot write {path}: it is a folder; name a file in it")
     require_folder(path.parent)
     return path
+
+
+def require_own(folder: Path, name: str, own: Callable[[Path], bool]) -> Path:
+    """Return a folder that can be written, whose file `name` is absent, or an earlier output of the same command.
+
+    own: whether a file that is there is one. Raises FileError for any other file, unless --force was given.
+    """
+    if (file := folder / name).exists() and not own(file):
+        require_file(file)
+    return require_folder(folder)
 
 
 # Arguments and options that several commands share, and what a number or a word on the command line may be.
@@ -208,7 +232,7 @@ def spread_of(scheduler: str | None, workers: int, keep: Path | None, device: st
     if scheduler is not None and sys.modules.get("dask", sys) is None:
         del sys.modules["dask"]
     if keep is not None:
-        require_file(keep)
+        writable_file(keep)  # it goes on from what is there
     spread = Spread(scheduler, workers, keep, device)
     if scheduler is None and device != "cpu":
         os.environ[DEVICE] = device  # also of what is computed between tasks
@@ -258,6 +282,35 @@ def check_choice(option: str, found: str, expected: Iterable[str]) -> None:
     """Do nothing where a word is in a list; else raise SpecError, which shows the list."""
     if found not in expected:
         raise SpecError(f"{option} is {found!r}, expected one of {', '.join(expected)}")
+
+
+_may_replace: ContextVar[bool] = ContextVar("may_replace", default=False)
+"""Whether the command that runs was given --force."""
+
+_WRITES = {"out", "truth"}
+"""Parameters of commands that name what is written."""
+
+
+def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that has the option --force as well, where it writes files; see `require_file`."""
+    given = inspect.signature(command)
+    if _WRITES.isdisjoint(given.parameters):
+        return command
+
+    @functools.wraps(command)
+    def forced(*args: Any, force: bool = False, **kwargs: Any) -> Any:
+        before = _may_replace.set(force)
+        try:
+            return command(*args, **kwargs)
+        finally:
+            _may_replace.reset(before)
+
+    asked = Annotated[bool, flag("--force", "Replace files that this command did not write.")]
+    own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
+    option = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=asked)
+    forced.__signature__ = given.replace(parameters=[*own[:-1], option, own[-1]])  # type: ignore[attr-defined]
+    forced.__annotations__ = command.__annotations__ | {"force": asked}
+    return forced
 
 
 class NumbersCommand(TyperCommand):

@@ -264,7 +264,7 @@ def predict_joint(
         if alone:
             console.require_file(out)
         else:
-            console.require_folder(out)
+            console.require_own(out, "rig.toml", lambda rig: rig.with_name("prediction.json").exists())
     held = further.held(base)
     rig, design = designed_rig(base, joint)
     found = predict_rig(rig, further.asked(held, asked))
