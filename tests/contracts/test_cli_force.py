@@ -55,7 +55,7 @@ def test_a_file_that_exists_is_named_and_stays(name: str, files: Path, capsys: p
     words, file = WRITES[name]
     Path(file).write_text("mine")
     said = refused(capsys, *words, "--truth" if name == "emulate" else "--out", file)
-    assert f"{file} exists" in said
+    assert f"{file} exists; give another name with --{'truth' if name == 'emulate' else 'out'}" in said
     assert "--force" in said
     assert Path(file).read_text() == "mine"
 

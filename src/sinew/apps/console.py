@@ -129,14 +129,14 @@ def require_folder(folder: Path) -> Path:
     return folder
 
 
-def require_file(path: Path, *, reads: Path | str | None = None) -> Path:
+def require_file(path: Path, *, option: str = "--out", reads: str | None = None) -> Path:
     """Return a path where a file can be written, and where none is unless --force was given.
 
-    reads: a file that the command reads. Raises FileError before long work starts.
+    option: what names it. reads: a file that the command reads. Raises FileError before long work starts.
     """
     if path.exists() and not path.is_dir() and not _may_replace.get():
         what = "is what the command reads" if reads and Path(reads).exists() and path.samefile(reads) else "exists"
-        raise FileError(f"{path} {what} and is not replaced; name another file, or replace it with --force")
+        raise FileError(f"{path} {what}; give another name with {option}, or replace it with --force")
     return writable_file(path)
 
 
@@ -192,9 +192,10 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise
 Json = Annotated[bool, flag("--json", "Print one JSON document on stdout.")]
 ColumnTime = Annotated[str | None, option("COL[:unit]", "Column of the time stamps.", "--time")]
 ColumnResponse = Annotated[
-    str | None, option("COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.", "--response")
+    str | None,
+    option("COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.", "--response", "--output"),
 ]
-ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive")]
+ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive", "--input")]
 Start = Annotated[float | None, option("S", "Take samples from this time on [s].", "--start")]
 Stop = Annotated[float | None, option("S", "Take samples up to this time [s].", "--stop")]
 Gaps = Annotated[str, option("refuse|split|bridge", "What to do where samples are missing.", "--gaps")]
@@ -313,6 +314,10 @@ def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
     return forced
 
 
+MODEL_NAMES = "{models}"
+"""Stands for the names of `sn.MODELS` in the help of an option."""
+
+
 class NumbersCommand(TyperCommand):
     """A command that refuses what no option can mean: an empty word, and a number that is none or has no end."""
 
@@ -322,6 +327,14 @@ class NumbersCommand(TyperCommand):
                 before = args[index - 1] if word == "" and index else word.removesuffix("=")
                 raise SpecError(f"found nothing after {before or 'sinew'}, expected a value; write one or leave it out")
         return list(super().parse_args(ctx, args))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        for parameter in self.params:
+            if MODEL_NAMES in (help_ := getattr(parameter, "help", None) or ""):
+                from sinew.identify.oscillator.model import MODELS  # JAX: for the --help of this command alone
+
+                parameter.help = help_.replace(MODEL_NAMES, ", ".join(MODELS))  # type: ignore[attr-defined]
+        super().format_options(ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
         for parameter in self.params:

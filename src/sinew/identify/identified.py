@@ -112,9 +112,9 @@ class Identified(Told):
     ) -> Forced:
         """Return the steady response to levels of a drive, with 90 % bands, as `sinew.identify.forced.predict_fit`.
 
-        torque: levels of what pushes; base: by how much the base moves instead. through: (frequency [Hz], amplitude,
-        its standard deviation, level) of one measured steady motion, without which a free decay tells nothing of a
-        push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
+        torque: levels of what pushes; base: by how much the base moves instead, an angle in degrees. through:
+        (frequency [Hz], amplitude, its standard deviation, level) of one measured steady motion, without which a free
+        decay tells nothing of a push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
         """
         return predict_fit(
             self.document,

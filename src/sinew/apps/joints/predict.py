@@ -107,7 +107,6 @@ def predicted_fit(asked: AskedOfFit) -> "Forced":
     levels = console.number_list(name, words, "positive amplitudes, as 0.1,0.2", low=0, above=True)
     kind: Kind = "torque" if asked.base is None else "base"
     drive = drive_shown(known, kind, unit.strip(), through=asked.through is not None)
-    levels = [one / drive.factor for one in levels]
     point, motion = None, None
     if asked.through is not None:
         found = _point(asked.through)
