@@ -11,6 +11,7 @@ import typer
 
 import sinew as sn
 from sinew.apps.cli import app, main
+from sinew.predict.oscillator import KEYS, Oscillator
 
 
 @pytest.mark.parametrize("pair", [{"--response", "--output"}, {"--drive", "--input"}])
@@ -62,3 +63,12 @@ def test_a_base_of_one_degree_is_one_degree_in_python_and_on_the_command_line(
     assert main(["predict", "fit.json", "--base", "1", "--bands", "20", "--json"]) == 0
     (same,) = json.loads(capsys.readouterr().out)["levels"]
     assert (same["level"], max(same["amplitude"])) == pytest.approx((1.0, max(level["amplitude"])))
+
+
+def test_help_of_predict_lists_every_number_of_an_oscillators_law(capsys: pytest.CaptureFixture[str]) -> None:
+    """Units of k₃ φ³, k₂ φ², M_c and c |φ̇| φ̇, each a torque."""
+    assert main(["predict", "--help"]) == 0
+    said = "".join(capsys.readouterr().out.split())
+    for key in ("cubic_n_m_rad3", "quadratic_n_m_rad2", "coulomb_n_m", "drag_n_m_s2_rad2", "inertia_kg_m2"):
+        assert key in said
+    assert set(KEYS.values()) == set(Oscillator._fields) - {"torque", "base"}

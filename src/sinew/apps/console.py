@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
@@ -314,8 +315,8 @@ def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
     return forced
 
 
-MODEL_NAMES = "{models}"
-"""Stands for the names of `sn.MODELS` in the help of an option."""
+_TABLES = {"{models}": "sinew.identify.oscillator.model:MODELS", "{keys}": "sinew.predict.oscillator:KEYS"}
+"""Tables whose names an option lists in its help, by what stands for them there."""
 
 
 class NumbersCommand(TyperCommand):
@@ -330,10 +331,9 @@ class NumbersCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         for parameter in self.params:
-            if MODEL_NAMES in (help_ := getattr(parameter, "help", None) or ""):
-                from sinew.identify.oscillator.model import MODELS  # JAX: for the --help of this command alone
-
-                parameter.help = help_.replace(MODEL_NAMES, ", ".join(MODELS))  # type: ignore[attr-defined]
+            for stands, table in _TABLES.items():
+                if stands in (help_ := getattr(parameter, "help", None) or ""):  # JAX: for the --help that needs it
+                    parameter.help = help_.replace(stands, ", ".join(resolve_name(table)))  # type: ignore[attr-defined]
         super().format_options(ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:

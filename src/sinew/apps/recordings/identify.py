@@ -58,9 +58,7 @@ def identify(
     input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input", "--drive")] = None,
     output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.", "--output", "--response")] = None,
     excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
-    model: Annotated[
-        str, option("MODEL", f"What to fit: auto, tendon (of a rig's recording), or {console.MODEL_NAMES}.")
-    ] = "auto",
+    model: Annotated[str, option("MODEL", "What to fit: auto, tendon (of a rig's recording), or {models}.")] = "auto",
     start: Start = None,
     stop: Stop = None,
     train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,
