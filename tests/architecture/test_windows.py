@@ -1,5 +1,8 @@
 """Windows: what needs no port runs without the modules and functions that only POSIX systems have."""
 
+import json
+import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -81,6 +84,17 @@ import sinew.paper.report, sinew.twin.simulate, sinew.paper.answers.questions
         assert sentence.startswith(f"sinew: sinew {name} ")
         assert "WSL" in sentence
         assert "USB" in sentence
+
+
+def test_a_pipe_that_takes_no_greek_letters_ends_no_command(tmp_path: Path) -> None:
+    """A pipe on Windows has the encoding of its language, as cp1252 without λ."""
+    rows = "".join(f"{i / 100},{math.cos(i / 5)}\n" for i in range(100))
+    (tmp_path / "swing.csv").write_text(f"t_s,λ\n{rows}", encoding="utf-8")
+    asked = [sys.executable, "-c", "from sinew.apps.cli import main; main()", "look", "swing.csv", "--json"]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252:strict"}
+    done = subprocess.run(asked, cwd=tmp_path, capture_output=True, env=environment, check=False)
+    assert done.stderr == b""
+    assert [one["name"] for one in json.loads(done.stdout)["columns"]] == ["t_s", "λ"]
 
 
 @pytest.mark.slow

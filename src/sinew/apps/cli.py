@@ -8,6 +8,7 @@ traceback.
 import atexit
 import gc
 import inspect
+import io
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -159,6 +160,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(_leave, statuses)  # what is registered first is called last
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a second one mostly waits for the first
         console.hide_dask()
+        if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe on Windows has no Greek letters; JSON reads \\u03bb too
+            sys.stdout.reconfigure(errors="backslashreplace")
     statuses.append(_run(arguments))
     return statuses[0]
 
