@@ -51,6 +51,7 @@ def test_every_plot_takes_one_axes_as_ax() -> None:
     assert [one.__name__ for one in public if "ax" not in inspect.signature(one).parameters] == []
 
 
+@pytest.mark.slow
 def test_a_base_of_one_degree_is_one_degree_in_python_and_on_the_command_line(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
