@@ -31,10 +31,10 @@ WRITES: dict[str, tuple[tuple[str, ...], str]] = {
 }
 """Of each command that writes a file: what asks for it, and a name that it takes."""
 
-OF_FOLDERS = {"analyse", "gait", "design", "tune", "compare", "answer", "reproduce", "identify"}
+OF_FOLDERS = {"analyse", "gait", "design", "compare", "answer", "reproduce", "identify"}
 """Commands that write files of names of their own into a folder."""
 
-OF_BENCHES = {"run", "track", "doctor"}
+OF_BENCHES = {"run", "track"}
 """Commands that go on from what is there, or refuse it."""
 
 
@@ -93,9 +93,17 @@ def test_analyse_and_reproduce_replace_no_recording_that_they_did_not_make(
     capsys.readouterr()
     for words in (("analyse", *IMPORT[1:]), ("reproduce", "--plan", "short")):
         assert "run/recording.nc exists" in refused(capsys, *words, "--out", "run")
-    cut = refused(capsys, "analyse", "run/recording.nc", "--start", "1", "--out", "run")
-    assert "run/recording.nc exists" in cut
     assert Path("run/recording.nc").read_bytes() == before
+
+
+def test_analyse_replaces_no_recording_by_a_part_of_itself(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("own").mkdir()
+    Path("decay.nc").rename("own/recording.nc")
+    before = Path("own/recording.nc").read_bytes()
+    assert main(["analyse", "own/recording.nc", "--out", "own"]) == 0
+    capsys.readouterr()
+    assert "own/recording.nc exists" in refused(capsys, "analyse", "own/recording.nc", "--start", "1", "--out", "own")
+    assert len(Path("own/recording.nc").read_bytes()) == len(before)
 
 
 def test_predict_replaces_no_rig_that_it_did_not_write(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
