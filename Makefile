@@ -80,10 +80,10 @@ docs: $(VENV)/.dev ## the documentation as HTML in docs/_build; every example of
 	@echo "docs/_build/index.html"
 
 pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce` and of the tutorial's own commands
-	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --out $(OUT)/figures/sweep.webp
+	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --force --out $(OUT)/figures/sweep.webp
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
-	$(BIN)/sinew modes paper --out docs/pictures/space.png
+	$(BIN)/sinew modes paper --force --out docs/pictures/space.png
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py

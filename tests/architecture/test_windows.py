@@ -1,5 +1,8 @@
 """Windows: what needs no port runs without the modules and functions that only POSIX systems have."""
 
+import json
+import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -62,10 +65,10 @@ assert main(["--help"]) == 0
 assert main(["look", "decay.csv"]) == 0
 assert main(["analyse", "decay.csv", "--kind", "ring-down", "--out", "found"]) == 0
 assert main(["runs", "."]) == 0
-for command in (["run", "short", "--port", "COM3", "--out", "x"], ["emulate", "--link", "x"], ["stop", "--port", "COM3"],
-                ["doctor", "--port", "COM3"], ["track", "paper", "--emulate", "--out", "x"], ["serve"]):
-    print("command", command[0], file=sys.stderr)
-    assert main(command) == 2
+for line in ("run short --port COM3 --out x", "emulate --link x", "stop --port COM3", "doctor --port COM3",
+             "track paper --emulate --out x", "serve"):
+    print("command", line.split()[0], file=sys.stderr)
+    assert main(line.split()) == 2
 import sinew.apps.recordings.identify, sinew.apps.recordings.reproduce, sinew.apps.recordings.simulate
 import sinew.identify.identified, sinew.predict.predicted, sinew.predict.preview, sinew.bench.preflight
 import sinew.paper.report, sinew.twin.simulate, sinew.paper.answers.questions
@@ -81,6 +84,17 @@ import sinew.paper.report, sinew.twin.simulate, sinew.paper.answers.questions
         assert sentence.startswith(f"sinew: sinew {name} ")
         assert "WSL" in sentence
         assert "USB" in sentence
+
+
+def test_a_pipe_that_takes_no_greek_letters_ends_no_command(tmp_path: Path) -> None:
+    """A pipe on Windows has the encoding of its language, as cp1252 without λ."""
+    rows = "".join(f"{i / 100},{math.cos(i / 5)}\n" for i in range(100))
+    (tmp_path / "swing.csv").write_text(f"t_s,λ\n{rows}", encoding="utf-8")
+    asked = [sys.executable, "-c", "from sinew.apps.cli import main; main()", "look", "swing.csv", "--json"]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252:strict"}
+    done = subprocess.run(asked, cwd=tmp_path, capture_output=True, env=environment, check=False)
+    assert done.stderr == b""
+    assert [one["name"] for one in json.loads(done.stdout)["columns"]] == ["t_s", "λ"]
 
 
 @pytest.mark.slow

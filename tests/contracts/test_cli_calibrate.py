@@ -112,7 +112,7 @@ def test_a_table_of_before_and_after_is_printed(bench: Path, capsys: pytest.Capt
 def test_the_input_is_written_over_only_when_forced(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = Path("mine.toml").read_bytes()
     assert main(["calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", *NAMES]) == 2
-    assert re.search(r"mine\.toml is the rig that is read.*--out.*--force", capsys.readouterr().err)
+    assert re.search(r"mine\.toml is what the command reads.*--out.*--force", capsys.readouterr().err)
     assert Path("mine.toml").read_bytes() == before
     answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", "--force", *NAMES)
     assert load_rig("mine.toml").tendons.first_contact_tension.value == 10.5

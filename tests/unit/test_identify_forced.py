@@ -59,7 +59,7 @@ def test_an_error_of_the_measured_amplitude_is_one_of_every_level() -> None:
 
 
 def test_a_base_that_moves_in_the_unit_of_the_motion_needs_no_point() -> None:
-    (one,) = predict_fit(law("linear"), base=0.05, band_hz=BAND_HZ, draws=20).levels
+    (one,) = predict_fit(law("linear"), base=float(np.degrees(0.05)), band_hz=BAND_HZ, draws=20).levels
     ratio = one.branch.frequency_hz / 3.0
     assert one.branch.amplitude == pytest.approx(0.05 * ratio**2 * transfer(one.branch.frequency_hz), rel=1e-6)
 
@@ -140,7 +140,7 @@ def test_a_point_on_an_unstable_stretch_is_remarked_on() -> None:
 
 
 def test_what_lies_beyond_the_record_is_called_extrapolated() -> None:
-    found = predict_fit(law("linear"), base=[0.01, 0.1], band_hz=BAND_HZ, draws=20)
+    found = predict_fit(law("linear"), base=np.degrees([0.01, 0.1]), band_hz=BAND_HZ, draws=20)
     assert ["5.73 deg" in one for one in found.remarks if "extrapolated" in one] == [True]
 
 

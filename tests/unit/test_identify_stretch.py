@@ -1,8 +1,10 @@
 """Which stretch of a record is fitted: between two times, an angle unwrapped, the free part of a decay."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
@@ -112,3 +114,31 @@ def test_clipped_samples_that_are_counted_stay_with_a_remark() -> None:
     clipped = telling(replace(record, output=np.clip(record.output, -0.3, 0.3)), counted=True)
     assert clipped.size == record.size
     assert "samples are clipped or frozen, and fitted" in clipped.notes[-1]
+
+
+def released(held_s: float, noise_deg: float = 0.0) -> Record:
+    """Return an angle held at 10° and let go at rest at held_s: the closed solution of 3 Hz with D = 0.03."""
+    t = np.arange(0, held_s + 8, 0.005)
+    after, omega, rate = np.maximum(t - held_s, 0.0), 6 * np.pi, 0.03 * 6 * np.pi
+    swing = 10 * np.exp(-rate * after) * (np.cos(omega * after) + rate / omega * np.sin(omega * after))
+    noise = np.random.default_rng(0).normal(0, noise_deg, t.size)
+    return make_record(t, np.radians(swing + noise), output_unit="rad")
+
+
+@pytest.mark.parametrize(("held_s", "noise_deg"), [(0.048, 0.02), (0.2, 0.02), (6.25, 0.02), (6.25, 0.1)])
+def test_a_fit_starts_where_analyse_starts_after_a_release(held_s: float, noise_deg: float) -> None:
+    """Nothing before the release is fitted: its step would pass for a law, or for a rest position that creeps."""
+    record = released(held_s, noise_deg)
+    free = free_part(record)
+    table = pd.DataFrame({"t_s": record.time_s, "x_rad": record.output})
+    analysed = sn.analyse(sn.read(table, time="t_s", response="x_rad", kind="ring-down"))
+    assert free.time_s[0] == pytest.approx(analysed.document["start_s"], abs=0.0026)  # half of a sample's 5 ms
+    assert held_s <= free.time_s[0] < held_s + 0.1
+    assert f"the motion is free from {free.time_s[0]:.4g} s on" in free.notes[-1]
+
+
+def test_a_start_before_the_release_is_said_with_a_time_to_try() -> None:
+    found = sn.identify(released(6.25), "linear", start_s=6.2)
+    said = re.search(r"probably starts before the release; try --start (\d+\.?\d*)", found.document["message"])
+    assert said is not None
+    assert 6.25 <= float(said[1]) < 6.4

@@ -8,6 +8,7 @@ traceback.
 import atexit
 import gc
 import inspect
+import io
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -100,9 +101,11 @@ class _Commands(Mapping[str, TyperCommand]):
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         epilog = "\n\n".join(f"Example: {one}" for one in COMMANDS[self.places[name]])
         needs_port = self.places[name].startswith("bench.") and name != "stream"  # which reads what a run wrote
-        alone.command(name, cls=console.PortCommand if needs_port else console.NumbersCommand, epilog=epilog)(
-            self.function(name)
-        )
+        kind = console.PortCommand if needs_port else console.NumbersCommand
+        function = self.function(name)
+        if not needs_port or name == "emulate":  # what a bench gave is never replaced
+            function = console.with_force(function)
+        alone.command(name, cls=kind, epilog=epilog)(function)
         return cast(TyperCommand, typer.main.get_command(alone))
 
     def function(self, name: str) -> Any:
@@ -157,6 +160,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(_leave, statuses)  # what is registered first is called last
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a second one mostly waits for the first
         console.hide_dask()
+        if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe on Windows has no Greek letters; JSON reads \\u03bb too
+            sys.stdout.reconfigure(errors="backslashreplace")
     statuses.append(_run(arguments))
     return statuses[0]
 

@@ -1,5 +1,7 @@
 """The voice of the commands: results on stdout, progress and remarks on stderr, files whole or not at all."""
 
+import functools
+import inspect
 import json
 import math
 import os
@@ -7,7 +9,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
@@ -126,12 +130,33 @@ def require_folder(folder: Path) -> Path:
     return folder
 
 
-def require_file(path: Path) -> Path:
-    """Return a path where a file can be written. Raises FileError before long work starts."""
+def require_file(path: Path, *, option: str = "--out", reads: str | None = None) -> Path:
+    """Return a path where a file can be written, and where none is unless --force was given.
+
+    option: what names it. reads: a file that the command reads. Raises FileError before long work starts.
+    """
+    if path.exists() and not path.is_dir() and not _may_replace.get():
+        what = "is what the command reads" if reads and Path(reads).exists() and path.samefile(reads) else "exists"
+        raise FileError(f"{path} {what}; give another name with {option}, or replace it with --force")
+    return writable_file(path)
+
+
+def writable_file(path: Path) -> Path:
+    """Return a path where a file can be written, over one that is there. Raises FileError before long work starts."""
     if path.is_dir():
         raise FileError(f"cannot write {path}: it is a folder; name a file in it")
     require_folder(path.parent)
     return path
+
+
+def require_own(folder: Path, name: str, own: Callable[[Path], bool]) -> Path:
+    """Return a folder that can be written, whose file `name` is absent, or an earlier output of the same command.
+
+    own: whether a file that is there is one. Raises FileError for any other file, unless --force was given.
+    """
+    if (file := folder / name).exists() and not own(file):
+        require_file(file)
+    return require_folder(folder)
 
 
 # Arguments and options that several commands share, and what a number or a word on the command line may be.
@@ -168,9 +193,10 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise
 Json = Annotated[bool, flag("--json", "Print one JSON document on stdout.")]
 ColumnTime = Annotated[str | None, option("COL[:unit]", "Column of the time stamps.", "--time")]
 ColumnResponse = Annotated[
-    str | None, option("COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.", "--response")
+    str | None,
+    option("COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.", "--response", "--output"),
 ]
-ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive")]
+ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive", "--input")]
 Start = Annotated[float | None, option("S", "Take samples from this time on [s].", "--start")]
 Stop = Annotated[float | None, option("S", "Take samples up to this time [s].", "--stop")]
 Gaps = Annotated[str, option("refuse|split|bridge", "What to do where samples are missing.", "--gaps")]
@@ -208,7 +234,7 @@ def spread_of(scheduler: str | None, workers: int, keep: Path | None, device: st
     if scheduler is not None and sys.modules.get("dask", sys) is None:
         del sys.modules["dask"]
     if keep is not None:
-        require_file(keep)
+        writable_file(keep)  # it goes on from what is there
     spread = Spread(scheduler, workers, keep, device)
     if scheduler is None and device != "cpu":
         os.environ[DEVICE] = device  # also of what is computed between tasks
@@ -260,6 +286,39 @@ def check_choice(option: str, found: str, expected: Iterable[str]) -> None:
         raise SpecError(f"{option} is {found!r}, expected one of {', '.join(expected)}")
 
 
+_may_replace: ContextVar[bool] = ContextVar("may_replace", default=False)
+"""Whether the command that runs was given --force."""
+
+_WRITES = {"out", "truth"}
+"""Parameters of commands that name what is written."""
+
+
+def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that has the option --force as well, where it writes files; see `require_file`."""
+    given = inspect.signature(command)
+    if _WRITES.isdisjoint(given.parameters):
+        return command
+
+    @functools.wraps(command)
+    def forced(*args: Any, force: bool = False, **kwargs: Any) -> Any:
+        before = _may_replace.set(force)
+        try:
+            return command(*args, **kwargs)
+        finally:
+            _may_replace.reset(before)
+
+    asked = Annotated[bool, flag("--force", "Replace files that this command did not write.")]
+    own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
+    option = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=asked)
+    forced.__signature__ = given.replace(parameters=[*own[:-1], option, own[-1]])  # type: ignore[attr-defined]
+    forced.__annotations__ = command.__annotations__ | {"force": asked}
+    return forced
+
+
+_TABLES = {"{models}": "sinew.identify.oscillator.model:MODELS", "{keys}": "sinew.predict.oscillator:KEYS"}
+"""Tables whose names an option lists in its help, by what stands for them there."""
+
+
 class NumbersCommand(TyperCommand):
     """A command that refuses what no option can mean: an empty word, and a number that is none or has no end."""
 
@@ -269,6 +328,13 @@ class NumbersCommand(TyperCommand):
                 before = args[index - 1] if word == "" and index else word.removesuffix("=")
                 raise SpecError(f"found nothing after {before or 'sinew'}, expected a value; write one or leave it out")
         return list(super().parse_args(ctx, args))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        for parameter in self.params:
+            for stands, table in _TABLES.items():
+                if stands in (help_ := getattr(parameter, "help", None) or ""):  # JAX: for the --help that needs it
+                    parameter.help = help_.replace(stands, ", ".join(resolve_name(table)))  # type: ignore[attr-defined]
+        super().format_options(ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
         for parameter in self.params:

@@ -1,7 +1,7 @@
-"""Single plots for a notebook: each takes a result and matplotlib axes, draws on them, and returns them.
+"""Single plots for a notebook: each takes a result and `ax`, one matplotlib axes, draws on it, and returns it.
 
-Without axes they make a figure of their own. What is laid over one another stands on the same axes: a prediction over a
-measurement is `sn.plot.prediction(predicted, sn.plot.response(analysed))`.
+Each is one panel. Without `ax` it makes a figure of its own. What is laid over one another stands on the same axes: a
+prediction over a measurement is `sn.plot.prediction(predicted, sn.plot.response(analysed))`.
 
 >>> import sinew as sn
 >>> from matplotlib.figure import Figure
@@ -33,44 +33,44 @@ if TYPE_CHECKING:
 
 
 @in_style
-def response(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
+def response(found: Analysed | xr.Dataset, ax: Axes | None = None) -> Axes:
     """Return axes with the gain over frequency: means with ±1 standard deviation, peaks marked, by pretension.
 
     Of a broadband record, and of hammer blows, H1 and H2 with the fitted modes.
     """
-    return _over_frequency(found, axes, draw_lines, draw_gain)
+    return _over_frequency(found, ax, draw_lines, draw_gain)
 
 
 @in_style
-def phase(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
+def phase(found: Analysed | xr.Dataset, ax: Axes | None = None) -> Axes:
     """Return axes with the lag of the torsion behind the drive over frequency [deg], by pretension."""
-    return _over_frequency(found, axes, draw_lag_lines, draw_lag)
+    return _over_frequency(found, ax, draw_lag_lines, draw_lag)
 
 
 def _over_frequency(
     found: Analysed | xr.Dataset,
-    axes: Axes | None,
+    ax: Axes | None,
     lines: Callable[[Axes, dict[str, Any]], Axes],
     sweep: Callable[[Axes, xr.Dataset], Axes],
 ) -> Axes:
     if isinstance(found, Analysed) and found.document["kind"] in ("broadband", "impact"):
-        return lines(_axes(axes), found.document)
+        return lines(_axes(ax), found.document)
     results = _sweep(found)
-    return sweep(_axes(axes), results)
+    return sweep(_axes(ax), results)
 
 
 @in_style
-def coherence(found: Analysed, axes: Axes | None = None) -> Axes:
+def coherence(found: Analysed, ax: Axes | None = None) -> Axes:
     """Return axes with the coherence of a broadband record, or of several hammer blows, over frequency."""
     if found.document["kind"] not in ("broadband", "impact"):
         raise RecordingError("there is no coherence to draw; it is of a broadband record or of hammer blows")
-    return draw_coherence(_axes(axes), found.document)
+    return draw_coherence(_axes(ax), found.document)
 
 
 @in_style
-def resonance(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
+def resonance(found: Analysed | xr.Dataset, ax: Axes | None = None) -> Axes:
     """Return axes with the resonance over pretension, with 90 % intervals."""
-    results, axes = _sweep(found), _axes(axes)
+    results, axes = _sweep(found), _axes(ax)
     if "resonance_hz" not in results:
         raise RecordingError("there are too few frequencies for a resonance; measure more")
     value = results["resonance_hz"].values
@@ -82,38 +82,38 @@ def resonance(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
 
 
 @in_style
-def decay(found: Analysed, axes: Axes | None = None, pretension_mm: float = 0.0) -> Axes:
+def decay(found: Analysed, ax: Axes | None = None, pretension_mm: float = 0.0) -> Axes:
     """Return axes with the ring-down closest to a pretension [mm], its peaks and envelope, with the paper's numbers."""
     results = analyse_recording(found.recording) if found.dataset is None else found.dataset
-    axes = _axes(axes)
+    axes = _axes(ax)
     if not draw_envelope(axes, found.recording, results, pretension_mm):
         raise RecordingError("there is no ring-down to draw; record one, or draw the response")
     return axes
 
 
 @in_style
-def prediction(found: Predicted | Forced, axes: Axes | None = None) -> Axes:
+def prediction(found: Predicted | Forced, ax: Axes | None = None) -> Axes:
     """Return axes with the predicted gain over frequency: dotted where unstable, rings at peaks, diamonds at folds.
 
     Of a fit the amplitude at every level of its drive, with 90 % bands.
     """
     if isinstance(found, Forced):
-        return draw_levels(_axes(axes), found)
-    return draw_gains(_axes(axes), curves_of(found))
+        return draw_levels(_axes(ax), found)
+    return draw_gains(_axes(ax), curves_of(found))
 
 
 @in_style
-def predicted_phase(found: Predicted, axes: Axes | None = None) -> Axes:
+def predicted_phase(found: Predicted, ax: Axes | None = None) -> Axes:
     """Return axes with the predicted lag of the torsion behind the lever over frequency [deg]."""
-    return draw_phases(_axes(axes), curves_of(found))
+    return draw_phases(_axes(ax), curves_of(found))
 
 
 @in_style
-def fit(found: "Identified", axes: Axes | None = None) -> Axes:
+def fit(found: "Identified", ax: Axes | None = None) -> Axes:
     """Return axes with the first record of a fit over time: measured, fitted, and what is left."""
     if found.fit is None:
         raise SpecError("this is the fit of a whole tendon joint; draw one of one degree of freedom")
-    axes, record, fitted = _axes(axes), found.fit.records[0], found.fit.predicted[0]
+    axes, record, fitted = _axes(ax), found.fit.records[0], found.fit.predicted[0]
     axes.plot(record.time_s, record.output, color=GREY, linewidth=2.0, label="measured")
     axes.plot(record.time_s, fitted, color=ACCENT, linewidth=1.0, label="fitted")
     axes.plot(record.time_s, record.output - fitted, color=RED, linewidth=0.8, label="left")
@@ -123,9 +123,9 @@ def fit(found: "Identified", axes: Axes | None = None) -> Axes:
 
 
 @in_style
-def tuning(found: "Tuning", axes: Axes | None = None) -> Axes:
+def tuning(found: "Tuning", ax: Axes | None = None) -> Axes:
     """Return axes with the resonance over pretension that a rig can be tuned to, and the settings with intervals."""
-    axes, curve = _axes(axes), found.reachable.resonances
+    axes, curve = _axes(ax), found.reachable.resonances
     axes.plot([one.pretension_mm for one in curve], [one.frequency_hz for one in curve], color=GREY)
     for one in found.settings:
         if one.pretension_mm is not None and one.frequency_hz is not None:
@@ -137,9 +137,9 @@ def tuning(found: "Tuning", axes: Axes | None = None) -> Axes:
     return axes
 
 
-def _axes(axes: Axes | None) -> Axes:
-    if axes is not None:
-        return axes
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
     from matplotlib import pyplot  # a window or a notebook's cell; whoever gives axes does without
 
     return pyplot.subplots(layout="constrained")[1]

@@ -290,8 +290,9 @@ def predict_fit(
     """Return the steady response of a fitted law to levels of a drive, with 90 % bands.
 
     fit: its mechanics, the document of an identification, or the path of its fit.json.
-    torque: amplitudes of what pushes (a torque, a force, a voltage), in the unit of the record's input, or, with
-    `through`, in any. base: amplitudes by which the base (or lever) moves instead.
+    torque: amplitudes of what pushes (a torque, a force, a voltage), in the unit that the record's input was read in,
+    or, with `through`, in any. base: amplitudes by which the base (or lever) moves instead, an angle in degrees. Both
+    as --torque and --base of `sinew predict`.
     through: (frequency [Hz], amplitude, its standard deviation, level) of one measured steady motion, which gives the
     drive's gain; the last two may be left out. Amplitudes are half of peak to peak, in SI and radians as the fit's.
     band_hz: frequencies; else from a third of the natural frequency to twice it. draws, seed: of the bands.
@@ -300,9 +301,10 @@ def predict_fit(
     """
     configure()
     known = fit if isinstance(fit, Mechanics) else read_mechanics(fit)
-    kind, levels = _asked(torque, base)
+    kind, asked = _asked(torque, base)
     shown = motion or shown_in(known.unit, known.unit_said)
     at = drive or drive_shown(known, kind, through=through is not None)
+    levels = asked / at.factor
     point = None if through is None else _checked(Through(*through), levels, shown)
     model = _model_of(known)
     numbers = _numbers_of(known, model, wanted=_gain_from(known, kind, point) == "fit")

@@ -112,9 +112,9 @@ class Identified(Told):
     ) -> Forced:
         """Return the steady response to levels of a drive, with 90 % bands, as `sinew.identify.forced.predict_fit`.
 
-        torque: levels of what pushes; base: by how much the base moves instead. through: (frequency [Hz], amplitude,
-        its standard deviation, level) of one measured steady motion, without which a free decay tells nothing of a
-        push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
+        torque: levels of what pushes; base: by how much the base moves instead, an angle in degrees. through:
+        (frequency [Hz], amplitude, its standard deviation, level) of one measured steady motion, without which a free
+        decay tells nothing of a push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
         """
         return predict_fit(
             self.document,
@@ -214,9 +214,14 @@ def identify(
     if foreign:
         counted = train is not None or test is not None
         records = [telling(unwrapped(one), counted=counted) for one in records]
-    if foreign and len(records) == 1 and not any(one is not None for one in (start_s, stop_s, train, test)):
-        records = [free_part(records[0])]
-    remarks = (*unit_remarks(records[0]), *records[0].notes)
+    remarks: tuple[str, ...] = ()
+    if foreign and len(records) == 1 and train is None and test is None:
+        free = free_part(records[0])
+        if start_s is None and stop_s is None:
+            records = [free]
+        elif free.time_s[0] > records[0].time_s[0]:
+            remarks = (f"the fit probably starts before the release; try --start {free.time_s[0]:.4g}",)
+    remarks = (*remarks, *unit_remarks(records[0]), *records[0].notes)
     found = find_mechanics(records, model, train, test, remarks=remarks, progress=progress)
     if profile:
         found = add_profiles(found, progress)

@@ -16,11 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
-from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, Quadratic, Viscous
+from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, Number, Quadratic, Viscous
 from sinew.solve.balance import Coordinate, Equations, Lane, Size
 from sinew.solve.curves import Problem, Resolution
 
 LAW = Linear() + Viscous() + Drag() + DryFriction() + Quadratic() + Cubic()
+
+
+def _key(number: Number) -> str:
+    """Return the name of a number of `LAW` with its unit, of a torque over powers of the rotation and its rate."""
+    fast, far = number.scale
+    powers = (("s", 2 - fast), ("rad", 1 - far))
+    return "_".join((number.name, "n_m", *(f"{unit}{power if power > 1 else ''}" for unit, power in powers if power)))
+
+
+KEYS = {"inertia_kg_m2": "inertia", "frequency_hz": "frequency_hz", "damping_ratio": "damping_ratio"} | {
+    _key(number): number.name
+    for term in LAW.terms
+    for number in term.numbers
+    if number.name not in ("stiffness", "damping")  # which the frequency and the damping ratio give
+}
+"""What `sinew predict --oscillator` takes, each with its unit, and the field of an `Oscillator` that it is."""
 
 _LEAST_LEFT, _HEAVY = 0.1, 0.5
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.bench.bench_run import Wait, await_port, on_signals, open_rig
-from sinew.apps.console import Json, Rig, flag, option, print_json, remark, require_file
+from sinew.apps.console import Json, Rig, flag, option, print_json, remark, writable_file
 
 if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
@@ -265,7 +265,7 @@ def _guide(
         raise SpecError("found --step and --from, expected one of them: only that step, or all from that one on")
     if Path(port).is_socket():
         raise SpecError(f"{port} is a socket, which has no baud to set; leave --socket out of `sinew emulate`")
-    require_file(out)
+    writable_file(out)  # the guide goes on from what it found before
     spec = load_rig(out if out.exists() else rig)
     first = names.index(step or start or names[0])
     chosen = STEPS[first : first + 1] if step is not None else STEPS[first:]

@@ -85,7 +85,7 @@ def emulate(
     start = drawn_start(rig_, seed, tilt, None if slack is None else _parse_slack(slack, rig_.tendons.count))
     refuse_taken(link)
     if truth is not None:
-        require_file(truth)
+        require_file(truth, option="--truth")
     wrong = None if unbuilt is None else draw_unbuilt(rig_, parse_kinds(unbuilt), seed)
     bench = found_bench(
         rig_,

@@ -181,7 +181,8 @@ class BenchEmulator:
 
     def _begin(self, rig: str, seed: int, out: int) -> "subprocess.Popen[bytes]":
         words = ["emulate", "--link", self.port, "--socket", "--rig", rig, "--seed", str(seed)]
-        words += ["--truth", str(self._folder / "truth.json"), "--json", *([_IN_SPACE] if self.is_in_space else [])]
+        words += ["--truth", str(self._folder / "truth.json"), "--force", "--json"]
+        words += [_IN_SPACE] if self.is_in_space else []
         with (self._folder / _LOG).open("wb") as file:
             process = subprocess.Popen(
                 self._command(*words),

@@ -8,7 +8,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, flag, option
-from sinew.measure.errors import FileError, SpecError
+from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.measure.tasks import Spread
@@ -35,7 +35,6 @@ def calibrate(
     workers: Workers = 1,
     keep: Keep = None,
     device: Device = "cpu",
-    force: Annotated[bool, flag("--force", "Write over files that exist.")] = False,
     json: Json = False,
 ) -> None:
     """Write a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
@@ -48,9 +47,8 @@ def calibrate(
     if out.suffix != ".toml":
         raise SpecError(f"--out is {out}, expected a name that ends with .toml")
     beside = [out.with_name(f"{out.stem}-{what}.json") for what in ("ranges", "posterior")]
-    _refuse_overwriting(
-        rig, [out, *(path for path, asked in zip(beside, (ranges, posterior), strict=True) if asked)], force
-    )
+    for path in (out, *(path for path, asked in zip(beside, (ranges, posterior), strict=True) if asked)):
+        console.require_file(path, reads=rig)
     spread = console.spread_of(scheduler, workers, keep, device)
     command = ["sinew", "calibrate", rig, *map(str, files), *(["--free", free] if free else [])]
     command += ["--paper"] if paper else []
@@ -74,15 +72,6 @@ def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras:
         raise SpecError("--ranges and --posterior are about the paper's numbers; add --paper, or leave them out")
     if not paper and not files:
         raise SpecError("found no recording to calibrate from; name one or more (NetCDF), or fit with --paper")
-
-
-def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
-    for path in paths:
-        console.require_file(path)
-        if path.exists() and not force:
-            same = Path(rig).exists() and path.samefile(rig)
-            what = "is the rig that is read" if same else "exists"
-            raise FileError(f"{path} {what}; give another name with --out, or write over it with --force")
 
 
 def _from_recordings(

@@ -107,7 +107,6 @@ def predicted_fit(asked: AskedOfFit) -> "Forced":
     levels = console.number_list(name, words, "positive amplitudes, as 0.1,0.2", low=0, above=True)
     kind: Kind = "torque" if asked.base is None else "base"
     drive = drive_shown(known, kind, unit.strip(), through=asked.through is not None)
-    levels = [one / drive.factor for one in levels]
     point, motion = None, None
     if asked.through is not None:
         found = _point(asked.through)
@@ -264,7 +263,7 @@ def predict_joint(
         if alone:
             console.require_file(out)
         else:
-            console.require_folder(out)
+            console.require_own(out, "rig.toml", lambda rig: rig.with_name("prediction.json").exists())
     held = further.held(base)
     rig, design = designed_rig(base, joint)
     found = predict_rig(rig, further.asked(held, asked))
@@ -281,16 +280,6 @@ def predict_joint(
     return document, found.backbones
 
 
-_KEYS = {
-    "inertia_kg_m2": "inertia",
-    "frequency_hz": "frequency_hz",
-    "damping_ratio": "damping_ratio",
-    "cubic_n_m_rad3": "cubic",
-    "quadratic": "quadratic",
-    "quadratic_n_m_rad2": "quadratic",
-    "coulomb_n_m": "coulomb",
-    "drag_n_m_s2_rad2": "drag",
-}
 _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
 
 
@@ -299,7 +288,7 @@ def predict(
     rig: Annotated[
         str | None, typer.Argument(metavar="RIG|FIT.json", help="A rig, file or name; or a fit of sinew identify.")
     ] = None,
-    oscillator: Annotated[str | None, option("KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")] = None,
+    oscillator: Annotated[str | None, option("KEY=VALUE,...", "Instead of a rig: {keys}.")] = None,
     torque: Torque = None,
     base: Base = None,
     through: Point = None,
@@ -469,7 +458,7 @@ def _oscillator(
     import math
     from functools import partial
 
-    from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+    from sinew.predict.oscillator import KEYS, Oscillator, oscillator_problem, resolution_of
     from sinew.predict.predicted import oscillator_backbones
     from sinew.solve.curves import predict as run
     from sinew.solve.programs import configure
@@ -477,10 +466,10 @@ def _oscillator(
     values: dict[str, float] = {}
     for part in text.split(","):
         key, equal, value = (piece.strip() for piece in part.partition("="))
-        if key not in _KEYS or not equal:
-            raise SpecError(f"--oscillator holds {part.strip()!r}, expected KEY=VALUE with one of {', '.join(_KEYS)}")
-        values[_KEYS[key]] = console.number_list(f"--oscillator {key}", value, "a finite number", between="\n")[0]
-    missing = [key for key in _NEEDED if _KEYS[key] not in values]
+        if key not in KEYS or not equal:
+            raise SpecError(f"--oscillator holds {part.strip()!r}, expected KEY=VALUE with one of {', '.join(KEYS)}")
+        values[KEYS[key]] = console.number_list(f"--oscillator {key}", value, "a finite number", between="\n")[0]
+    missing = [key for key in _NEEDED if KEYS[key] not in values]
     if missing:
         raise SpecError(f"--oscillator lacks {', '.join(missing)}; add {missing[0]}=...")
     if (torque is None) == (base is None):

@@ -8,9 +8,10 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, option
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import SinewError, SpecError
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.figure import Figure
 
     from sinew.analysis.analysed import Analysed
@@ -68,6 +69,8 @@ def analyse(
         recording = cut_recording(load_recording(file), start, stop)
     else:
         recording = console.read_csv(file, kind or "auto", time, response, drive, start, stop, gaps, run, columns, rate)
+    if out is not None:
+        console.require_own(out, "recording.nc", lambda there: _is_own(there, file, recording))
     found = find(
         recording,
         rig,
@@ -98,6 +101,18 @@ def _refuse_columns(*given: object) -> None:
             "a recording knows its columns and its gaps; --time, --response, --drive, --run, --columns, --rate and "
             "--gaps are for tables"
         )
+
+
+def _is_own(there: Path, file: Path, recording: "xr.Dataset") -> bool:
+    """Return whether a recording that is there loses nothing: it is the same one, or was made of a table before."""
+    from sinew.measure.files.netcdf import content_hash, load_recording
+
+    try:
+        earlier = load_recording(there)
+    except SinewError:
+        return False
+    made = earlier.attrs.get("source") == "import" and not there.samefile(file)
+    return made or content_hash(earlier) == content_hash(recording)
 
 
 def _write(found: "Analysed", folder: Path) -> None:

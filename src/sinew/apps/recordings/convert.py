@@ -110,13 +110,21 @@ def table(
     measured ones: every table that a result's document has. In LaTeX a number is 3.021(20), in CSV its standard
     deviation and 90 % interval have columns.
     """
-    from sinew.measure.files.tables import FORMATS, csv_table, export_table, is_wide, latex_table, tables_of
+    from sinew.measure.files.tables import (
+        FORMATS,
+        csv_table,
+        export_table,
+        is_wide,
+        latex_table,
+        table_files,
+        tables_of,
+    )
 
     console.check_choice("--to", to, tuple(FORMATS))
     if out is not None:
         if out.suffix not in FORMATS.values():
             raise SpecError(f"--out is {out}, expected a name that ends with {' or '.join(FORMATS.values())}")
-        console.require_file(out)
+        console.writable_file(out)
     document = _result_document(source)
     parts, chosen = ([] if names is None else [name.strip() for name in names.split(",")] for names in (part, columns))
     tables = tables_of(document, parts, chosen)
@@ -124,6 +132,8 @@ def table(
     if wide := [one.name for one in tables if in_latex and is_wide(one)]:
         console.remark(f"wider than a page: {', '.join(wide)}; --columns chooses what they have")
     if out is not None:
+        for file in table_files(out, tables):
+            console.require_file(file)
         files = export_table(document, out, parts, chosen)
         told = [f"{file}" for file in files]
         names = [one.name for one in tables]

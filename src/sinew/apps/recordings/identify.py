@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 EXCITATIONS = ("force", "torque", "base", "lever", "none")
 KINDS = ("samples", "stepped")
-_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon|auto"
 
 
 def identify(
@@ -56,10 +55,10 @@ def identify(
         ),
     ],
     time: ColumnTime = None,
-    input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
-    output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
+    input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input", "--drive")] = None,
+    output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.", "--output", "--response")] = None,
     excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
-    model: Annotated[str, option(_MODELS, "What to fit.")] = "auto",
+    model: Annotated[str, option("MODEL", "What to fit: auto, tendon (of a rig's recording), or {models}.")] = "auto",
     start: Start = None,
     stop: Stop = None,
     train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,

@@ -14,7 +14,7 @@ import typer
 from sinew.apps import console
 from sinew.apps.console import Json, Rig, Seed, option
 from sinew.apps.recordings import stored
-from sinew.measure.errors import FileError, SpecError
+from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import number, shown_interval
 
 if TYPE_CHECKING:
@@ -65,13 +65,23 @@ def reproduce(
     if beyond is None and plan == "paper":
         beyond = "beyond"
     plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
-    console.require_folder(out)
+    console.require_own(out, "recording.nc", _is_reproduced)
     command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with _processes() as hand:
         campaign = _run_campaign(plans, rig_, seed, out, rebuild, hand)
         summary = _write_pages(campaign, out, hand, began=began)
     _show(summary, out, json=json)
+
+
+def _is_reproduced(recording: Path) -> bool:
+    """Return whether a recording is one that `sinew reproduce` made, and makes again."""
+    from sinew.measure.files.netcdf import load_recording
+
+    try:
+        return str(load_recording(recording).attrs.get("command", "")).startswith("sinew reproduce ")
+    except SinewError:
+        return False
 
 
 def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, rebuild: str, hand: "Hand") -> _Campaign:

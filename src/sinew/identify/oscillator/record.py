@@ -376,21 +376,26 @@ def find_decays(t: Array, x: Array) -> list[tuple[float, float, float]]:
     """Return begin [s], end [s] and sum of swings of every free decay in a record, in order of time.
 
     t, x: shape (n,), evenly sampled. The motion begins anew where one swing is three times as large as those before.
-    A decay that begins within half a swing of its stretch begins with it.
+    A decay that begins within half a swing of the record begins with it, where the samples before it follow it.
     """
     peaks = find_peaks(t, x)
     struck = _struck(peaks)
     ends = [float(peaks.time_s[k]) for k in struck[1:]] + [float(t[-1])]
-    begins = [float(t[0]), *ends[:-1]]
-    found = []
-    for begin, end in zip(begins, ends, strict=True):
+    begin, found = float(t[0]), []
+    for end in ends:  # what is no decay, as a hold, belongs before the next one, whose start is sought behind it
         inside = (t >= begin) & (t <= end)
         try:
             fit, _, _, own = free_decay(t[inside], x[inside], None)
         except RecordingError:
             continue
-        start = begin if fit.start_s <= begin + _AT_ONCE * own.half_period_s else fit.start_s
+        before = (t >= begin) & (t < fit.start_s)
+        at_once = begin == t[0] and fit.start_s <= begin + _AT_ONCE * own.half_period_s
+        if at_once and before.any():  # and no hold before a release, which the decay does not follow
+            off = x[before] - fit.model(t[before])
+            at_once = float(np.mean(off**2)) <= float(np.max(fit.residual**2))
+        start = begin if at_once else fit.start_s
         found.append((start, end, float(own.swing.sum())))
+        begin = end
     return found
 
 

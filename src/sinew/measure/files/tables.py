@@ -260,6 +260,13 @@ def _escaped(text: str) -> str:
     return "".join(_SPECIAL.get(sign, sign) for sign in text)
 
 
+def table_files(path: Path, tables: Sequence[Rows]) -> list[Path]:
+    """Return the files of tables: `path`, and of several as CSV one for each, `NAME-part.csv`."""
+    if path.suffix == ".tex" or len(tables) == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}-{one.name}.csv") for one in tables]
+
+
 def export_table(
     document: Mapping[str, Any], path: Path | str, parts: Sequence[str] = (), columns: Sequence[str] = ()
 ) -> list[Path]:
@@ -283,8 +290,7 @@ def export_table(
     if file.suffix == ".tex":
         texts = {file: "\n".join(map(latex_table, tables))}
     elif file.suffix == ".csv":
-        several = len(tables) > 1
-        texts = {file.with_name(f"{file.stem}-{one.name}.csv") if several else file: csv_table(one) for one in tables}
+        texts = dict(zip(table_files(file, tables), map(csv_table, tables), strict=True))
     else:
         raise SpecError(f"the table's name is {file}, expected one that ends with {' or '.join(FORMATS.values())}")
     for one, text in texts.items():
