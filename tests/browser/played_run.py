@@ -29,6 +29,9 @@ from sinew.plan.toml import dump_plan, load_plan
 PREPARES, FALLS_SILENT, LINGERS, DOUBTS = "prepares", "falls-silent", "lingers", "doubts"
 """Tries its plan for ever; gives neither sample nor answer after a while; is long in writing its recording; doubts."""
 
+GIVES_NOTHING = "gives-nothing"
+"""Gives no samples after a while, and answers all the same."""
+
 _SOURCE = "emulated bench"
 _STEP_S, _SILENT_AFTER_S, _LINGERS_S = 0.05, 1.5, 2.5
 _STOPPED = StopReport("release", frozen=frozenset({"drive", "tendon 1", "tendon 2", "tendon 3", "tendon 4"}))
@@ -93,6 +96,8 @@ class Played:
             os.kill(os.getpid(), 19)  # SIGSTOP: it neither answers nor samples
         time.sleep(_STEP_S)
         now = time.monotonic()
+        if GIVES_NOTHING in self._name and now - self._began > _SILENT_AFTER_S:
+            return
         while self._newest < now:
             self._newest += 0.005
             one = cycle(self._newest, group.frequency_hz or 1.0, self._began, Node(has_counter=True), self._random)

@@ -4,6 +4,8 @@ The runs are played: no test here keeps time with a bench.
 """
 
 import json
+import os
+import signal
 import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -119,6 +121,72 @@ def test_a_run_that_falls_silent_is_said_to_be_and_its_values_are_grey(opened: O
     page.wait_for_function("document.body.dataset.stale === 'true'")
     page.wait_for_selector("#sinew-notice-quiet, #sinew-notice-silent")
     page.wait_for_function("document.getElementById('sinew-state').textContent.includes('does not answer')")
+
+
+def test_a_pages_server_that_says_nothing_for_a_while_does_not_make_the_bench_silent(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = opened(stage)
+    stage.begin(name)
+    watch(page)
+    note = """new MutationObserver(() => {
+      if (document.getElementById("sinew-notice-quiet")) sessionStorage.criedWolf = "yes";
+    }).observe(document, { childList: true, subtree: true });"""
+    page.add_init_script(note)  # the page may load itself anew when its server speaks again
+    page.evaluate(note)
+    pages = stage.steward._page.pid
+    assert pages is not None
+    os.kill(pages, signal.SIGSTOP)
+    try:
+        page.wait_for_function("document.body.dataset.stale === 'true'")
+        page.wait_for_timeout(3000)
+    finally:
+        os.kill(pages, signal.SIGCONT)
+    watch(page)
+    assert page.evaluate("sessionStorage.criedWolf ?? 'no'") == "no"
+
+
+def test_a_bench_that_gives_no_samples_while_its_run_answers_is_said_to_be_silent(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = opened(stage)
+    stage.begin(name, played_run.GIVES_NOTHING)
+    watch(page)
+    page.wait_for_selector("#sinew-notice-quiet")
+    assert "the run" in page.inner_text("#sinew-notice-quiet")
+
+
+def test_no_page_shows_an_emergency_stop_after_the_run_went_on_and_was_put_into_the_bin(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = in_control(opened, stage)
+    stage.begin(name, repeats=1)
+    watch(page)
+    page.keyboard.press("F9")
+    page.wait_for_selector("#sinew-notice-emergency")
+    page.click("#sinew-go-on")
+    page.wait_for_function("Sinew.status().last?.complete && !Sinew.status().run")
+    page.evaluate("name => Sinew.command('bin', { name })", name)
+    page.wait_for_function("Sinew.status().last === null && !Sinew.status().run")
+    other = opened(stage, "/runs")
+    other.wait_for_timeout(1500)
+    assert [one.locator("#sinew-notice-emergency").count() for one in (page, other)] == [0, 0]
+
+
+def test_an_emulated_bench_that_has_ended_is_not_at_rest(opened: Open, stage: Stage) -> None:
+    page = in_control(opened, stage, "/plan")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    page.route("**/status*", _without_bench)
+    page.wait_for_function("document.getElementById('sinew-state').textContent.includes('has ended')")
+    assert "at rest" not in page.inner_text("#sinew-state")
+    assert "begins it anew" in page.inner_text("#sinew-start-why")
+
+
+def _without_bench(route: Any) -> None:
+    """Pass on what the steward says, as if the emulator's process were gone."""
+    answer = route.fetch()
+    said = answer.json()
+    route.fulfill(response=answer, json=said | {"bench": said["bench"] | {"is_there": False}})
 
 
 def test_values_are_grey_while_the_pages_server_is_lost_and_the_stop_stands(

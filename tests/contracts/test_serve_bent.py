@@ -184,3 +184,19 @@ def test_a_plan_that_no_bench_drives_is_refused(begin: Callable[..., tuple[Serve
     said = started(served, "one", plan() + '[impulse]\nabout = "pitch"\nimpulse_n_m_s = 0.01\nrecord_s = 1\n')
     assert "the bench has no hammer" in str(said["sentence"])
     assert not (served.runs / "one").exists()
+
+
+def test_an_emulated_bench_that_was_killed_at_rest_is_said_to_be_gone_and_begun_anew_by_the_next_run(
+    begin: Callable[..., tuple[Served, Commands]],
+) -> None:
+    served, commands = begin()
+    before = served.steward.status(None)["bench"]["is_there"]
+    emulator = served.steward._emulator
+    assert emulator is not None
+    assert emulator._process is not None
+    emulator._process.send_signal(9)
+    until(lambda: not served.steward.status(None)["bench"]["is_there"])
+    started(served, "one", plan())
+    until(lambda: served.runs_as("running"))
+    assert (before, served.steward.status(None)["bench"]["is_there"]) == (True, True)
+    assert [words[0] for words in commands.words].count("emulate") == 2

@@ -216,6 +216,22 @@ def test_an_emergency_ends_a_run_that_obeys(served: Served) -> None:
     assert served.bench.stops == []
 
 
+def test_an_emergency_is_of_the_past_once_a_run_goes_on_after_it(served: Served) -> None:
+    page = served.operator()
+    page.starts()
+    until(lambda: served.runs_as("running"))
+    page.says("emergency")
+    until(lambda: served.steward.status(None)["run"] is None)
+    stopped = served.steward.status(None)["emergency"]
+    page.starts("two")
+    until(lambda: served.runs_as("running"))
+    page.says("stop")
+    until(lambda: served.steward.status(None)["run"] is None)
+    served.steward._desk.forget("two", None)  # as when it is put into the bin
+    assert stopped["was_emergency"]
+    assert served.steward.status(None)["emergency"] is None
+
+
 def test_an_emergency_from_somebody_who_only_looks_is_obeyed(served: Served) -> None:
     served.operator()
     assert served.page().says("emergency").status_code == 200

@@ -74,6 +74,21 @@ def test_rigs_sources_and_pretensions_have_lines_of_their_own() -> None:
     assert [trend.title for trend in trends(runs, "resonance_hz")] == ["mine, 6 mm", "mine (twin), 6 mm", "other, 6 mm"]
 
 
+@pytest.mark.parametrize("first_hour", [13, 20])
+def test_the_runs_of_one_afternoon_have_no_line(first_hour: int) -> None:
+    # Fourteen runs, one each 21 minutes; in an American afternoon some of them are on the next day of UTC.
+    runs = [run(str(k), (first_hour + 0.35 * k) / 24, 3.0 + 0.01 * (-1) ** k) for k in range(14)]
+    (trend,) = trends(runs, "resonance_hz")
+    assert trend.line is None
+    assert "14 runs" in trend.sentence
+    assert "at least 3 runs on 2 days are needed" in trend.sentence
+
+
+def test_three_runs_of_an_evening_and_the_next_noon_have_a_line() -> None:
+    (trend,) = trends([run(str(k), day, 3.0) for k, day in enumerate((0.75, 0.8, 1.5))], "resonance_hz")
+    assert trend.line is not None
+
+
 def test_two_runs_are_too_few_for_a_line() -> None:
     (trend,) = trends([run("a", 0, 3.0), run("b", 9, 3.1)], "resonance_hz")
     assert (trend.line, trend.to_json()["slope_per_month"]) == (None, None)

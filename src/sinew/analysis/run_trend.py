@@ -31,6 +31,10 @@ FEWEST_RUNS = 3
 
 _SECONDS_OF_A_DAY = 86_400.0
 
+_APART_DAYS = 0.5
+"""How far first and last run are apart at least: as from an evening to the next morning. An afternoon is shorter, also
+where it has midnight in it by UTC."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -61,8 +65,8 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line:
     days, values, stds: shape (n,), finite; stds: standard deviations that the runs know of themselves, zero allowed.
     Raises ValueError below three points, or where all are of one day.
     """
-    if days.size < FEWEST_RUNS or np.ptp(days) == 0:
-        raise ValueError(f"a line needs {FEWEST_RUNS} runs of two days, found {days.size} of {np.unique(days).size}")
+    if not _are_enough(days):
+        raise ValueError(f"a line needs {FEWEST_RUNS} runs on 2 days, found {days.size} in {np.ptp(days):.2g} days")
     tiny = 1e-9 * max(float(np.abs(values).max()), 1e-140)  # whose square is still a number
     known = stds[stds > 0]
     own = np.maximum(stds, max(float(np.median(known)) if known.size else 0.0, tiny)) ** 2
@@ -92,6 +96,10 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line:
         math.sqrt(between),
         freedom,
     )
+
+
+def _are_enough(days: Array) -> bool:
+    return bool(days.size >= FEWEST_RUNS and np.ptp(days) >= _APART_DAYS)
 
 
 @dataclass(frozen=True)
@@ -163,14 +171,15 @@ def _trend(
     started, runs, values = zip(*points, strict=True)
     days = np.array([_days(one) for one in started], dtype=float)
     line = None
-    if days.size >= FEWEST_RUNS and np.ptp(days) > 0:
+    if _are_enough(days):
         stds = np.array([_std(one) for one in values])
         line = fit_line(days, np.array([one.value for one in values]), np.nan_to_num(stds))
     about = QUANTITIES[quantity]
     name = f"{about.called[0]} at {number(pretension_mm)} mm"
     if line is None:
         count = f"{days.size} run{'s' if days.size != 1 else ''}"
-        sentence = f"{name}: {count}, too few for a line; at least {FEWEST_RUNS} runs on 2 days are needed."
+        short = " of one day" if days.size >= FEWEST_RUNS else ""
+        sentence = f"{name}: {count}{short}, too few for a line; at least {FEWEST_RUNS} runs on 2 days are needed."
     else:
         slope = line.slope.times(DAYS_OF_A_MONTH)
         changes = "rises" if slope.value > 0 else "falls"

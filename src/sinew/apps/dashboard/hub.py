@@ -101,7 +101,8 @@ class Live:
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
     run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run
     doubts of itself. source: what was measured where that is no real bench, else None. seen: when the newest sample
-    came [s since 1970]; None where that is not known, which is as long as all came from before.
+    came [s since 1970]; None where that is not known, which is as long as all came from before. looked: when the
+    journal was read last [s since 1970].
     """
 
     name: str
@@ -121,6 +122,7 @@ class Live:
     doubts: list[str] = field(default_factory=list)
     source: str | None = None
     seen: float | None = None
+    looked: float = 0.0
     segment: dict[str, Any] | None = None
     groups_done: int = 0
 
@@ -172,6 +174,7 @@ class Hub:
             return
         self.trouble = ""
         self._take(self.live, news)
+        self.live.looked = wall_clock()
         waiting = self.live.ring.count - self.live.played
         self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
         self._ticked.set()
@@ -528,6 +531,7 @@ def state_of(hub: Hub, view: View | None = None) -> bytes:
             "doubts": live.doubts,
             "source": live.source,
             "age_s": None if live.seen is None else max(0.0, wall_clock() - live.seen),
+            "silent_s": None if live.seen is None else max(0.0, live.looked - live.seen),
         }
     return orjson.dumps(said)
 

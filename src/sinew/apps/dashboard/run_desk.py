@@ -422,6 +422,7 @@ class RunDesk:
         self._is_starting = False
         self._moved: set[str] = set()  # names of runs that are being renamed, put away or taken back
         self._alarms = 0
+        self.newest_s = 0.0  # when a run was begun, gone on with or found last [s since 1970]
         self._unanswered = 0
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._follow, name="runs", daemon=True)
@@ -502,7 +503,7 @@ class RunDesk:
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
-                    self._run, self._spec, self._told = run, run.spec, {"state": "starting"}
+                    self._hold(run, "starting")
             if is_late:
                 end_process(run.process, 0.0, signal.SIGKILL)
                 (run.folder / PID).unlink(missing_ok=True)
@@ -589,7 +590,10 @@ class RunDesk:
             return  # a folder went away meanwhile; the next look sees what is left
         with self._lock:
             if found is not None and self._run is None and not self._is_starting:
-                self._run, self._spec, self._told = found, found.spec, {"state": "found"}
+                self._hold(found, "found")
+
+    def _hold(self, run: Run, state: str) -> None:
+        self._run, self._spec, self._told, self.newest_s = run, run.spec, {"state": state}, time.time()
 
     def _ask(self, run: Run) -> None:
         try:

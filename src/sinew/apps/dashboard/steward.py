@@ -601,9 +601,12 @@ class Steward:
         """Return what is going on, as seen by the ticket `asking`."""
         self.operators.see(asking)
         last = self._emergency.last
+        if last is not None and last.at < self._desk.newest_s:
+            last = None  # a run has begun since, so it is over, whatever became of that run
+        is_there = self._emulator is None or self._emulator.is_there
         return {
             "time_s": time.time(),
-            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig},
+            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig, "is_there": is_there},
             "run": self._desk.document(),
             "last": self._desk.last,
             "operator": self.operators.operator(asking),
@@ -654,8 +657,8 @@ class Steward:
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun anew where it plays another rig than the run's, or the run needs a head that bends, or
-        no longer does; the run waits for it.
+        An emulated one is begun anew where it has ended, where it plays another rig than the run's, or the run needs a
+        head that bends, or no longer does; the run waits for it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
@@ -664,9 +667,7 @@ class Steward:
         emulator = self._emulator
         if emulator is None:
             return Way(self.port)
-        if emulator.plays(specs.rig, in_space=specs.sways):
-            if not emulator.is_there:
-                raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
+        if emulator.is_there and emulator.plays(specs.rig, in_space=specs.sways):
             return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
         if specs.sways and specs.rig.space is None:
             raise RefusedError(

@@ -128,7 +128,9 @@ function age() {
       if (place && place.textContent !== said) place.textContent = said;
     }
   }
-  const isQuiet = isStale && socket?.readyState === WebSocket.OPEN && run && run.name === live.name && old !== null && ["running", "paused", "pausing"].includes(run.state);
+  // Only what the pages' server says of now counts: where it says nothing, its silence is not the bench's.
+  const isHeard = socket?.readyState === WebSocket.OPEN && performance.now() - told < 1000 * FRESH_S;
+  const isQuiet = isHeard && run && run.name === live?.name && live.silent_s > FRESH_S && ["running", "paused", "pausing"].includes(run.state);
   notice("quiet", isQuiet ? "bad" : null, { title: "No samples come from the bench", lines: ["What is shown is old. The run may hang: see to the bench, and end the run."] });
 }
 

@@ -202,6 +202,9 @@ const DOING = { starting: "begins", found: "running", preparing: "begins", finis
 const BEGINS = ["starting", "preparing"];
 const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
 
+// Whether the process that plays the bench is gone.
+const hasEnded = () => status?.bench?.is_there === false;
+
 function mayStart() {
   if (reachable === false) return "Steering does not answer.";
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
@@ -223,6 +226,7 @@ function show() {
     how = state === "silent" ? "bad" : ["paused", "pausing", "stopping"].includes(state) ? "warn" : "good";
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
+  else if (hasEnded()) { text = "has ended"; how = "bad"; }
   else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
   const chip = $("sinew-state");
@@ -263,7 +267,7 @@ function gate() {
   const why = mayStart();
   start.disabled = start.dataset.ready !== "yes" || Boolean(why);
   put(start.querySelector("span"), status?.signed_in && !status.operator ? "Take control and start" : "Start");
-  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : start.dataset.why || "The plan is looked at."));
+  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? hasEnded() ? "The emulated bench has ended; a start begins it anew." : "" : start.dataset.why || "The plan is looked at."));
 }
 
 let seenStop = null; // the emergency stop whose notice was closed in this tab
@@ -285,7 +289,7 @@ function tell(run, state, last, mine) {
   }
   if (mine) notice("deposed");
   if (mine !== wasMine) { wasMine = mine; keep(); }
-  const stop = status.emergency, isNew = stop?.was_emergency && !run && stop.at >= (last?.started ?? 0);
+  const stop = status.emergency, isNew = stop?.was_emergency && !run; // the steward forgets it when a run begins
   if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
   else if (isNew) {
     const next = "The stop needs no reset: when the bench is well, go on from here or start again on the page Plan.";
