@@ -215,6 +215,7 @@ def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unkno
     stood = [replace(reading(k), imu=reading(min(k, 4)).imu) for k in range(10)]
     told = [*stood, *map(reading, range(10, 20))]
     rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
+    rig.bus = SimpleNamespace(others=0)
     rig.pace = lambda _period: None
     clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
     guard.check = guard.forget = lambda *_: None

@@ -18,7 +18,7 @@ from sinew.plan.toml import load_rig, parse_plan
 
 SPEC = load_rig("paper")
 PLAN = parse_plan('name = "x"\n[pretension]\npretension_mm = [2]\n[sweep]\nfrequency_hz = [3.4]')
-TURN = 6  # motors: one of them in each cycle
+TURN = 10  # cycles: of five motors one tells its climate, and then its orders
 
 
 def running(mode: TendonMode = "position") -> tuple[VirtualBench, Loop]:

@@ -581,7 +581,10 @@ class Runner:
             levelled.append(Levelled.of(stop_mm, offsets, share, result.current_a))
             self._at_mm = stop_mm
         if self._plan.pretension.mode == "position":
-            self._bound_pull(*asked)
+            driven = [
+                1e-3 * g.amplitude_mm * math.tau * g.frequency_hz for g in self._groups if g.excitation != "lever"
+            ]
+            self._bound_pull(*asked, speed=max((one for one in driven if not math.isnan(one)), default=0.0))
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
         return offsets, before
 
