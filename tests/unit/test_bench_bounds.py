@@ -1,6 +1,7 @@
 """What a bench may pull is bounded by the motors themselves: limits of the laboratory stay, and a killed run holds no
 more than was asked for."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -53,10 +54,8 @@ STRICTER = [
 
 
 def configured(bench: VirtualBench) -> None:
-    try:
+    with suppress(DeviceError):
         bench.rig.configure(0.2)
-    except DeviceError:
-        pass
 
 
 def fixed(bench: VirtualBench) -> None:

@@ -18,7 +18,7 @@ from sinew.plan.toml import load_rig, parse_plan
 
 SPEC = load_rig("paper")
 PLAN = parse_plan('name = "x"\n[pretension]\npretension_mm = [2]\n[sweep]\nfrequency_hz = [3.4]')
-TURN = 6  # motors: one of them in each cycle
+TURN = 10  # cycles: of five motors one tells its climate, and then its orders
 
 
 def running(mode: TendonMode = "position") -> tuple[VirtualBench, Loop]:
@@ -115,5 +115,5 @@ def test_a_run_does_not_start_on_a_line_where_another_program_speaks() -> None:
     bench = virtual_bench(SPEC, plant=StandIn())
     read, spoken = bench.port.read, iter([b"", encode(ask.ping(3)), encode(ask.ping(4))])
     bench.port.read = lambda deadline: next(spoken, None) or read(deadline)  # type: ignore[method-assign]
-    with pytest.raises(StartError, match="2 packets come on the line .* though nothing was sent"):
+    with pytest.raises(StartError, match=r"2 packets come on the line .* though nothing was sent"):
         refuse_unready(bench.rig, bench.port, PLAN)

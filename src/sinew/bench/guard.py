@@ -168,7 +168,7 @@ class Guard:
         if not low <= travel <= high:
             raise LimitError(
                 f"{name} has travelled {travel:.1f} mm, expected {low:g} to {high:g} (tendon_travel_mm); "
-                "is the cable off its pulley, or much slacker than the others?"
+                "is the cable off its pulley, or much slacker than the others, or wiring.tendon_pull of the wrong sign?"
             )
 
     @staticmethod

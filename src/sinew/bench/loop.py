@@ -56,6 +56,7 @@ class Loop:
 
     rig, clock: the seams. guard: raises where a limit is passed. record: takes every sample. period: of a cycle [s].
     check: raises StoppedError, before a cycle, where the run is to end.
+    lever: where the lever rests [rad], its middle if not set otherwise.
     paused: whether the computer paused for as long as the motors' watchdogs wait, since deadlines were counted anew.
     The goal sent for a cycle is the drive's command at its middle, since the motor keeps it for a whole cycle: the
     staircase then has the command's phase.
@@ -91,6 +92,7 @@ class Loop:
         self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
         self.last: Reading | None = None
         self._others = rig.bus.others
+        self.lever: Drive = at_zero
 
     @property
     def limits(self) -> Limits:
@@ -101,6 +103,15 @@ class Loop:
     def pulley_radius(self) -> float:
         """The pulleys' radius on the tendon motors [m]."""
         return self._rig.spec.tendons.pulley_radius.value
+
+    @property
+    def drive_sign(self) -> int:
+        """1 where more counts turn the lever positively against the head, else -1, as the rig has it."""
+        return self._rig.spec.wiring.drive_sign
+
+    def tension(self, current: float) -> float:
+        """Return the tension [N] that a tendon's motor holds with a current [A]."""
+        return self._rig.spec.tendons.tension(current)
 
     @property
     def due(self) -> float:
@@ -124,13 +135,15 @@ class Loop:
         pose = self.watch.pose if pose is None else pose
         self.watch = replace(self.watch, goals=tuple(goals), resting=resting, pose=pose)
 
-    def cycle(self, drive: Drive = at_zero, pull: Pull | None = None) -> Sample:
-        """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s]. pull: moves the
+    def cycle(self, drive: Drive | None = None, pull: Pull | None = None) -> Sample:
+        """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s]; None: where
+        it rests. pull: moves the
         tendon motors about their goals, where they hold positions.
 
         Raises StoppedError, LimitError or LostError, and PortError where the port is gone.
         """
         self._check()
+        drive = drive or self.lever
         began = self._wait()
         watch = self.watch
         if pull is not None:
@@ -162,7 +175,7 @@ class Loop:
         statistics.busy_s += self._clock.now() - began
         return sample
 
-    def run(self, duration: float, drive: Drive = at_zero) -> list[Sample]:
+    def run(self, duration: float, drive: Drive | None = None) -> list[Sample]:
         """Run cycles for a time [s] and return their samples."""
         return [self.cycle(drive) for _ in range(max(1, round(duration / self.period)))]
 

@@ -79,8 +79,8 @@ def _refuse_strangers(rig: Rig, clock: Clock) -> None:
     """Refuse a bus on which another program speaks, or a device is missing, or is another one, or shares its id."""
     if heard := rig.bus.overhear(_LISTEN_S):
         raise StartError(
-            f"{heard} packets come on the line within {1e3 * _LISTEN_S:.0f} ms though nothing was sent: another program "
-            "uses the bus; end it, or unplug its adapter"
+            f"{heard} packets come on the line within {1e3 * _LISTEN_S:.0f} ms though nothing was sent: another "
+            "program uses the bus; end it, or unplug its adapter"
         )
     names = {device.id: device.name for device in rig.devices}
     replies = {device: _pinged(rig, clock, device) for device in names}
@@ -179,7 +179,8 @@ def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[
 def _lever_reasons(rig: Rig) -> list[str]:
     """Return what is wrong with where the lever stands. A motor left in a mode of many turns counts them until it
     starts anew or changes its mode; the place within its turn is what stays."""
-    window, drive = rig.spec.limits.drive_window_deg, rig.drive
+    # No run leaves it further from its middle than it may swing: what stands there has another middle, or was turned.
+    window, drive = min(rig.spec.limits.drive_window_deg, rig.spec.limits.drive_amplitude_deg), rig.drive
     try:
         angle = math.degrees(math.remainder(drive.angle(), math.tau))
     except TROUBLES as trouble:
@@ -187,8 +188,8 @@ def _lever_reasons(rig: Rig) -> list[str]:
     if abs(angle) <= window:
         return []
     return [
-        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° (drive_window_deg); turn it back "
-        "by hand, or correct wiring.drive_zero_counts"
+        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° (drive_amplitude_deg); turn it "
+        "back by hand, or correct wiring.drive_zero_counts"
     ]
 
 

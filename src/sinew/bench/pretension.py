@@ -24,7 +24,7 @@ from sinew.hardware.rig import Rig
 from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
@@ -70,6 +70,15 @@ _MOST_LOOKS = 2
 # place is the mean of what the counts made of it in that time, and of what was still lacking.
 
 
+# Levelling watches itself: a correction tilts the plate by 0.75 to 1.08 of itself (docs/decisions/0029).
+
+_FALLS_S = 3.0  # 4.5 times as long as the integrator needs for a factor e
+_FALLS_TO = 0.7  # of the tilt at the begin; e^-4.5 is 0.01, and a head with mass sways
+_CORRECTS = 2.5  # times the tilt at the begin; 1/0.75, and what a swaying head asks for on the way
+_PULLS = 1.3  # times the tension that the twin expects, beside LIMIT_RESERVE_N
+_WIRED = "are tendons on the right motors (wiring.tendon_ids, tendon_pull), and is wiring.imu_axes right?"
+
+
 @dataclass(frozen=True, slots=True)
 class Levelling:
     """How levelling ended: correction about y and z [rad], tilt that is left [rad], how long it took [s]."""
@@ -94,15 +103,17 @@ def level(
     pose: tuple[float, float] = (0.0, 0.0),
     count: float = 0.0,
     whole: Callable[[Tilt], Tilt] = lambda correction: correction,
+    expected_n: Sequence[float] = (),
 ) -> Levelling:
     """Correct the tendons until the head plate is level, or stands in a pose, and return how it ended.
 
     goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
     tilt about y and z that is asked for [rad]. count: correction that one count of a motor makes up for [rad]; whole:
-    what whole counts make of a correction.
+    what whole counts make of a correction. expected_n: tension of each tendon at rest, as the twin has it [N].
     The controller integrates what the accelerometer's tilt lacks of the pose, behind two low-passes, and ends when
     little is left, or when the correction stands and more would not make it better; then the tilt that is left is
-    measured anew. Raises LostError where the plate does not come level.
+    measured anew. Raises LostError where the plate does not come level, and as soon as tilt, correction or tension is
+    not what a correction brings about.
     """
     by_current = loop.watch.by_current
     enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if by_current else GOOD_ENOUGH_DEG)
@@ -113,14 +124,20 @@ def level(
     once: tuple[float, float] | None = None
     smooth: tuple[float, float] | None = None
     way: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
+    most = [_PULLS * newtons + LIMIT_RESERVE_N for newtons in expected_n]
+    first: float | None = None
     look, looks = 0, 0  # cycle at which a correction that stands is judged by what it leaves
     for k in range(1, round(MOST_S / loop.period) + 1):
-        seen = rest_tilt(loop.cycle())
+        sample = loop.cycle()
+        _refuse_pull(loop, sample, most)
+        seen = rest_tilt(sample)
         if seen is None:
             continue
         once = _followed(once, (seen[0] - pose[0], seen[1] - pose[1]), weight)
         smooth = _followed(smooth, once, weight)
         tilt = math.hypot(*smooth)
+        first = tilt if first is None else max(first, tilt) if k * loop.period <= LEVEL_MEMORY_S else first
+        _refuse_astray(tilt, first, math.dist(integral, start), k * loop.period, accepted)
         quiet = quiet + loop.period if tilt < enough else 0.0
         if quiet >= hold:
             return Levelling(integral, tilt, k * loop.period)
@@ -148,8 +165,33 @@ def level(
     found = math.degrees(math.hypot(*smooth)) if smooth is not None else math.nan
     raise LostError(
         f"the head plate is still tilted by {found:.2f}° after {MOST_S:.0f} s of levelling, expected less than "
-        f"{math.degrees(accepted):.2g}°; are tendons on the right motors (tendon_ids) and is imu_axes right?"
+        f"{math.degrees(accepted):.2g}°; {_WIRED}"
     )
+
+
+def _refuse_pull(loop: Loop, sample: Sample, most: Sequence[float]) -> None:
+    """Raise where a tendon carries more than a correction of tilt can bring about. most: of each [N]."""
+    for index, (current, newtons) in enumerate(zip(sample.tendon_current_a, most, strict=False)):
+        if (carries := loop.tension(current)) > newtons:
+            raise LostError(
+                f"tendon {index + 1} carries {carries:.0f} N while the head plate is levelled, expected at most "
+                f"{newtons:.0f}; {_WIRED}"
+            )
+
+
+def _refuse_astray(tilt: float, first: float, moved: float, passed_s: float, accepted: float) -> None:
+    """Raise where a tilt [rad] does not answer to its correction, which has `moved` [rad]; first: tilt at the begin."""
+    found, began = math.degrees(tilt), math.degrees(first)
+    if tilt > accepted and passed_s > _FALLS_S and tilt > _FALLS_TO * first:
+        raise LostError(
+            f"the tilt of the head plate does not fall: {found:.2f}° after {passed_s:.1f} s of levelling, {began:.2f}° "
+            f"before; {_WIRED}"
+        )
+    if tilt > accepted and moved > _CORRECTS * max(first, accepted):
+        raise LostError(
+            f"the head plate is still tilted by {found:.2f}°, {began:.2f}° before, though its tendons were corrected by "
+            f"{math.degrees(moved):.2f}°; {_WIRED}"
+        )
 
 
 def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight: float) -> tuple[float, float]:
@@ -305,10 +347,13 @@ class MotorMap:
         best = min(itertools.product((0, 1), repeat=len(wanted)), key=off)
         return tuple(lsb * (low + step) for low, step in zip(below, best, strict=True))
 
+    def tensions(self, pretension_mm: float) -> tuple[float, ...]:
+        """Return the tension of each tendon at rest that belongs to a pretension [N]."""
+        return self._held[pretension_mm].tension_n
+
     def tension(self, pretension_mm: float) -> float:
         """Return the mean tension of the tendons at rest that belongs to a pretension [N]."""
-        tensions = self._held[pretension_mm].tension_n
-        return sum(tensions) / len(tensions)
+        return sum(self.tensions(pretension_mm)) / len(self.tensions(pretension_mm))
 
     def reached_mm(self, angles: Sequence[float], currents: Sequence[float]) -> float:
         """Return the mean take-up since first contact [mm], of horns at angles [rad] under currents [A]."""
@@ -350,9 +395,117 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
         loose = [f"tendon {i + 1}" for i, time in enumerate(held) if time <= _CONTACT_HOLD_S]
         raise LostError(
             f"{', '.join(loose)} found no contact within {1e3 * travel_m:.0f} mm at {1e3 * limit:.0f} mA; "
-            "is the cable on its pulley? Take up its slack by hand, or widen tendon_travel_mm"
+            "is the cable on its pulley, and does more of the encoder pull (wiring.tendon_pull)? Take up its slack by "
+            "hand, or widen tendon_travel_mm"
         )
+    refuse_wrong_wiring(loop, rig, goals)
     return _crept(loop, 2 * math.pi / tendons.counts_per_turn.value)
+
+
+# The wiring is looked at while the tendons only carry first contact: each gives way a little, one after the other, and
+# the plate must rise above that one. No tension rises, whatever is wrong.
+
+_GIVES_DEG = 1.0  # of tilt, if the others stayed where they are; an accelerometer's mean tells a hundredth
+_GIVES_S, _SEES_S = 0.1, 0.15
+_RISES = 0.2  # of that, at least, for the plate to have risen
+_BESIDE = math.radians(30.0)  # of 90° between four tendons
+
+
+def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
+    """Have each tendon give way a little and raise LostError where the head plate rises elsewhere: it names tendons that
+    answer to each other's commands, a board that is turned, and the key of the rig.
+
+    The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad].
+    """
+    tendons = rig.spec.tendons
+    give = math.radians(_GIVES_DEG) * tendons.head_radius.value / loop.pulley_radius
+    turns = [math.tau * i / tendons.count for i in range(tendons.count)]
+    stood = [angle for angle in loop.cycle().tendon_rad]
+    level_at, rises = _seen_tilt(loop, goals), []
+    for index in range(tendons.count):
+        loop.set_goals([stood[i] - give if i == index else goal for i, goal in enumerate(goals)])
+        y, z = _seen_tilt(loop, loop.watch.goals)
+        rises.append((level_at[1] - z, y - level_at[0]))  # along y and z of the plate's highest point
+    _seen_tilt(loop, goals)
+    still = [i for i, rise in enumerate(rises) if math.hypot(*rise) < _RISES * math.radians(_GIVES_DEG)]
+    if still:
+        raise LostError(
+            f"tendon {still[0] + 1} gave way by {1e3 * give * loop.pulley_radius:.2f} mm, and the head plate stands as "
+            "before; is its cable free, and is the sensor on the head plate?"
+        )
+    off = [math.remainder(math.atan2(z, y) - turn, math.tau) for (y, z), turn in zip(rises, turns, strict=True)]
+    if all(abs(angle) < _BESIDE for angle in off):
+        return
+    if all(abs(math.remainder(angle - off[0], math.tau)) < _BESIDE for angle in off):
+        raise LostError(
+            f"whichever tendon gives way, the head plate rises {math.degrees(abs(off[0])):.0f}° beside it: the board is "
+            f"turned about x; {_board_advice(off[0], rig.spec.wiring.imu_axes)}"
+        )
+    over = [
+        min(range(len(turns)), key=lambda j: abs(math.remainder(turns[i] + a - turns[j], math.tau)))
+        for i, a in enumerate(off)
+    ]
+    moved = [i for i, j in enumerate(over) if i != j]
+    first, other = moved[0] + 1, over[moved[0]] + 1
+    if len(moved) == 2 and over[over[moved[0]]] == moved[0]:
+        raise LostError(
+            f"tendons {first} and {other} answer to each other's commands: the head plate rises above one where the "
+            "other gives way; swap their ids in wiring.tendon_ids, or their cables"
+        )
+    raise LostError(
+        f"where tendon {first} gives way the head plate rises above tendon {other}: tendons are not in the order of "
+        "wiring.tendon_ids; `sinew doctor --guide` finds it"
+    )
+
+
+def _seen_tilt(loop: Loop, goals: Sequence[float]) -> Tilt:
+    """Return the mean tilt of the plate about y and z [rad] a moment after the motors got goals [rad]."""
+    loop.set_goals(goals)
+    loop.run(_GIVES_S)
+    seen = [tilt for sample in loop.run(_SEES_S) if (tilt := rest_tilt(sample)) is not None]
+    if not seen:
+        raise LostError("no reading of the IMU came while the tendons were looked at; check its cable")
+    return _mean(seen)
+
+
+def _board_advice(turned: float, axes: Sequence[str]) -> str:
+    """Return what to write for a board that is turned about x [rad] against its axes."""
+    x, y, z = axes
+    minus = {"+": "-", "-": "+"}
+    quarter = round(turned / (math.pi / 2)) % 4
+    right = {1: (x, z, minus[y[0]] + y[1:]), 2: (x, minus[y[0]] + y[1:], minus[z[0]] + z[1:])}
+    right[3] = (x, minus[z[0]] + z[1:], y)
+    if quarter not in right:
+        return "correct wiring.imu_axes, or mount the board along its axes"
+    return f"set wiring.imu_axes to {list(right[quarter])}, or wiring.tendon_ids is shifted all round"
+
+
+_NUDGE, _NUDGE_S, _NUDGE_REST_S = math.radians(3.0), 0.08, 0.08
+
+
+def refuse_wrong_drive_sign(loop: Loop, lever: float, gyro_bias: float) -> None:
+    """Move the lever by 3° towards its middle, and raise LostError where the head turns with it and not against it.
+
+    lever: where it stands [rad]; it is left 3° from there, and back. gyro_bias: about x [rad/s]. At once, before the
+    silicone answers, the head turns against the lever by their inertias (paper Eq. 3); a head that does not answer at
+    all says nothing.
+    """
+    begin, step = loop.due, -math.copysign(_NUDGE, lever)
+
+    def path(time: float) -> float:
+        share = min(1.0, max(0.0, (time - begin) / _NUDGE_S))
+        return lever + step * 0.5 * (1 - math.cos(math.pi * share))
+
+    samples = loop.run(_NUDGE_S + _NUDGE_REST_S, path)
+    turned = sum(s.gyro_rad_s[0] - gyro_bias for s in samples if not math.isnan(s.gyro_rad_s[0])) * loop.period
+    if turned * step > _TURNS_WITH * step**2:
+        raise LostError(
+            f"the lever was moved by {math.degrees(step):.0f}° against the head, and the head turned by "
+            f"{math.degrees(turned):+.2f}°, the same way: wiring.drive_sign is wrong, expected {-loop.drive_sign}"
+        )
+
+
+_TURNS_WITH = 0.02  # of the lever's move
 
 
 def _crept(loop: Loop, count: float) -> Contact:
@@ -398,6 +551,7 @@ def set_pretension(
         pose,
         motors.count(asked_mm),
         lambda correction: motors.whole(asked_mm, correction),
+        motors.tensions(asked_mm),
     )
     loop.set_goals(loop.watch.goals, resting=True)
     angles, currents = _mean_tendons(loop, _MEAN_S)

@@ -11,9 +11,17 @@ import numpy as np
 from sinew.analysis.doubts import group_doubts
 from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_group, run_tracking
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
-from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
+from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics, at_zero
 from sinew.bench.preflight import refuse_unready
-from sinew.bench.pretension import CHANGE_SPEED, Contact, Held, MotorMap, pull_to_contact, set_pretension
+from sinew.bench.pretension import (
+    CHANGE_SPEED,
+    Contact,
+    Held,
+    MotorMap,
+    pull_to_contact,
+    refuse_wrong_drive_sign,
+    set_pretension,
+)
 from sinew.bench.record.conversion import group_is_whole
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Listener, Sample
@@ -437,12 +445,16 @@ class Runner:
         angles = rig.stand()
         loop.watch = Watch(origin=angles, goals=angles)
         loop.restart()
-        lever, begin = rig.drive.angle(), loop.due
-        loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
+        lever = rig.drive.angle()
+        loop.restart()
+        loop.lever = lambda _: lever  # it stays until the wiring of the tendons is known to be right
         self.at.state = "pulling the tendons"
         self._say(events.Pulled.of())
         contact = pull_to_contact(loop, rig)
         self._guard.gyro_bias = _mean([sample.gyro_rad_s[0] for sample in loop.run(_BIAS_S)])
+        refuse_wrong_drive_sign(loop, lever, self._guard.gyro_bias)
+        lever, begin, loop.lever = rig.drive.angle(), loop.due, at_zero
+        loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
         self._say(events.Contact.of(current_ma=1e3 * contact.current))
         return self._change_mode(contact)
 
@@ -542,7 +554,7 @@ class Runner:
     def _most_pulls(self, pretension_mm: float | None) -> list[float]:
         """Return the current [A] of each tendon's largest pull at a pretension [mm]; None: first contact.
 
-        It is that at rest, and what the largest torsion that the rig allows, or tendons that the plan drives, add to it.
+        It is that at rest, and what the largest torsion that the rig allows, or tendons that the plan drives, add.
         """
         tendons, limits = self._rig.spec.tendons, self._rig.spec.limits
         held = self._held.get(pretension_mm) if pretension_mm is not None else None
@@ -569,7 +581,10 @@ class Runner:
             levelled.append(Levelled.of(stop_mm, offsets, share, result.current_a))
             self._at_mm = stop_mm
         if self._plan.pretension.mode == "position":
-            self._bound_pull(*asked)
+            driven = [
+                1e-3 * g.amplitude_mm * math.tau * g.frequency_hz for g in self._groups if g.excitation != "lever"
+            ]
+            self._bound_pull(*asked, speed=max((one for one in driven if not math.isnan(one)), default=0.0))
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
         return offsets, before
 

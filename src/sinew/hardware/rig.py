@@ -31,7 +31,7 @@ from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", "goal_position")
-_TURN = (*_ORDERS, *_PRESENT, "present_input_voltage", "present_temperature")
+_CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
 _TOLD_MOST = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
 _FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
 _FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
@@ -133,12 +133,16 @@ class _Present:
         self.name, self.id = motor.name, motor.id
         self.bounds = MotorBounds(motor.table, spec)
         self.objection = self.climate_objection = ""
-        short, long = lay_out(motor.table, _PRESENT), lay_out(motor.table, _TURN)
-        self.ask, self.ask_turn = (Read(motor.id, block.address, block.length) for block in (short, long))
-        self._unpack, self._unpack_turn = short.unpack.unpack_from, long.unpack.unpack
-        self._before = short.address - long.address  # bytes of the orders
+        short, long, whole = (lay_out(motor.table, names) for names in (_PRESENT, _CLIMATE, (*_ORDERS, *_PRESENT)))
+        self.ask, self.ask_climate, self.ask_orders = (
+            Read(motor.id, block.address, block.length) for block in (short, long, whole)
+        )
+        self._unpack, self._unpack_climate, self._unpack_orders = (
+            short.unpack.unpack_from, long.unpack.unpack, whole.unpack.unpack
+        )  # fmt: skip
+        self._before = short.address - whole.address  # bytes of the orders
         self._motor, self._odd = motor, ""
-        *_, duty, current, speed, angle, self._volt, self._degree = long.scales
+        _, duty, current, speed, angle, self._volt, self._degree = long.scales
         sign = motor.sign
         self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
         self._zero = zero
@@ -166,22 +170,22 @@ class _Present:
         return MotorReading(angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert)
 
     def climate(self, reply: Reply, time: float) -> Climate | None:
-        """Return voltage and temperature out of an answer to `ask_turn`; None, and `climate_objection`, where they
+        """Return voltage and temperature out of an answer to `ask_climate`; None, and `climate_objection`, where they
         cannot be true."""
-        *_, voltage, temperature = self._unpack_turn(reply.data)
+        *_, voltage, temperature = self._unpack_climate(reply.data)
         volts, degrees = voltage * self._volt, temperature * self._degree
         self.climate_objection = self.bounds.climate_objection(volts, degrees, time)
         return None if self.climate_objection else Climate(self.name, volts, degrees)
 
     def altered(self, reply: Reply, goals: Collection[int], but: str) -> str:
-        """Return what an answer to `ask_turn` and the one before it hold, under torque, that nobody here has told it.
+        """Return what an answer to `ask_orders` and the one before it hold, under torque, that nobody here has told it.
 
         goals: counts of goal_position that it was told lately. but: a register that may change.
         """
         before, self._odd = self._odd, ""
         kept = self._motor.kept
         if kept.get("torque_enable"):
-            found = dict(zip(_ORDERS, self._unpack_turn(reply.data), strict=False))
+            found = dict(zip(_ORDERS, self._unpack_orders(reply.data), strict=False))
             goal = found.pop("goal_position")
             odd = [f"{name} {count}" for name, count in found.items() if name != but and kept.get(name, count) != count]
             odd += [f"goal_position {goal}"] if goals and goal not in goals else []
@@ -195,7 +199,7 @@ class _Present:
         self.bounds.forget()
 
     def _counts(self, data: bytes) -> tuple[int, ...]:
-        return self._unpack(data, self._before if len(data) > self.ask.length else 0)
+        return self._unpack(data, self._before if len(data) == self.ask_orders.length else 0)
 
     def _only_fresh(self, reply: Reply, time: float) -> tuple[int, ...] | None:
         """Return the counts of the one of several answers that belongs to a host time [s]; None where two do."""
@@ -244,7 +248,7 @@ class Rig:
         self._drive_present = _Present(self.drive, spec, self.drive.zero)
         self._tendon_presents = tuple(_Present(motor, spec) for motor in self.tendons)
         self._presents = (*self._tendon_presents, self._drive_present)
-        self._turns = [self._reads(index) for index in range(len(self._presents))]
+        self._turns = [self._reads(index) for index in range(2 * len(self._presents))]
         self._turn = self._broken = 0
         self._told: deque[dict[int, int]] = deque(maxlen=_TOLD_MOST)
         self.reads = Reads("plain")
@@ -317,7 +321,7 @@ class Rig:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
 
         The drive answers first and the IMU second; sensors with a node of their own are asked after it, one by one. One
-        motor in turn also tells its climate, its bus watchdog and its goals. Raises PortError.
+        motor in turn also tells its climate and, a cycle later, its bus watchdog and its goals. Raises PortError.
         """
         turn, bus = self._turn, self.bus
         self._turn = (turn + 1) % len(self._turns)
@@ -329,22 +333,24 @@ class Rig:
         drive = self._drive_present.decode(replies[self.drive.id], time)
         tendons = tuple([present.decode(replies[present.id], time) for present in self._tendon_presents])
         imu = self._imu_reading(replies, time)
-        asked = self._presents[turn]
-        fresh = drive if asked is self._drive_present else tendons[turn]
-        told_climate = fresh is not None and not replies[asked.id].rivals
+        asked = self._presents[turn // 2]
+        fresh = drive if asked is self._drive_present else tendons[turn // 2]
+        told = fresh is not None and not replies[asked.id].rivals
+        asks_climate = turn % 2 == 0
+        told_climate = told and asks_climate
         climate = asked.climate(replies[asked.id], time) if told_climate else None
-        altered = asked.altered(replies[asked.id], *self._orders_of(asked)) if told_climate else ""
+        altered = asked.altered(replies[asked.id], *self._orders_of(asked)) if told and not asks_climate else ""
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
-        told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
+        values = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
         lacks: tuple[Lack, ...] = ()
-        if faults or climate is None or imu is None or drive is None or None in tendons:
+        if faults or (climate is None and told_climate) or imu is None or drive is None or None in tendons:
             lacks = tuple(self._lacks(replies, (*tendons, drive, imu)))
             if told_climate and climate is None:
                 lacks += (Lack(asked.name, "impossible", asked.climate_objection),)
             self.stale.update([lack.name for lack in lacks if lack.why == "stale"])
             self.impossible.update([lack.name for lack in lacks if lack.why == "impossible"])
-        return Reading(time, drive, tendons, imu, climate, faults, lacks, told, altered)
+        return Reading(time, drive, tendons, imu, climate, faults, lacks, values, altered)
 
     def _orders_of(self, asked: _Present) -> tuple[Collection[int], str]:
         """Return the positions that a motor was told lately, and the register of its goals that may change."""
@@ -493,7 +499,8 @@ class Rig:
 
     def _reads(self, turn: int) -> list[Read]:
         """Return what is asked in a cycle, in the order of the answers."""
-        asked = [p.ask_turn if index == turn else p.ask for index, p in enumerate(self._presents)]
+        more = [p.ask_orders if turn % 2 else p.ask_climate for p in self._presents]
+        asked = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
         sensor = [self.imu.ask] if self.imu.is_grouped else []
         return [asked[-1], *sensor, *asked[:-1]]
 

@@ -581,7 +581,7 @@ class RigSpec(Settings):
         """Return by how much a swing raises the tension of a tendon that is held by position, at most [N].
 
         torsion: its amplitude [rad], by which the span between guides grows to √(ℓ² + r_b² + r_h² - 2 r_b r_h cos φ).
-        taken_up: amplitude of a tendon that drives it [m]. Cable and servo give way, and the silicone under all tendons.
+        taken_up: amplitude of a tendon that drives it [m]. Cable and servo give way, and the silicone under all.
         """
         tendons = self.tendons
         base, head, span = tendons.base_radius.value, tendons.head_radius.value, tendons.free_span.value
