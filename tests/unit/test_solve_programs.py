@@ -216,7 +216,7 @@ logged("sinew", SIZE + 1)
 @pytest.mark.slow
 def test_what_xla_logs_does_not_reach_the_screen() -> None:
     # Folding this constant takes XLA over a second, which it says at the level of an error.
-    code = _SLOW_TO_FOLD.replace("SIZE", "20")
+    code = _SLOW_TO_FOLD.replace("SIZE", "16")
     surroundings = {name: value for name, value in os.environ.items() if name not in ("JAX_LOGGING_LEVEL", "XLA_FLAGS")}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings)
     (_, by_jax), (_, by_sinew) = (line.split() for line in done.stdout.splitlines())

@@ -279,7 +279,7 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         torsion_hz=torsion_hz,
         sway_hz=sway_hz,
         swing=swing,
-        pivots=() if bend_deg else _pivots(sways, torsion, q, space, straight),
+        pivots=() if bend_deg else _pivots(sways, q, space, torsion_hz, float(straight.damping_ratio)),
     )
     # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
     longer = _tendon_lengths(bodies) - np.asarray(linear.around.spans)
@@ -287,7 +287,7 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
 
 
 def _pivots(
-    sways: Sequence[FoundMode], torsion: FoundMode, q: Array, space: Space, swung: FreeSwing
+    sways: Sequence[FoundMode], q: Array, space: Space, torsion_hz: float, torsion_damping: float
 ) -> tuple[Pivot, ...]:
     """Return the modes of a straight joint as hinges.
 
@@ -302,8 +302,7 @@ def _pivots(
         reach = float(np.linalg.norm(aside)) / math.hypot(mode.tilt_in_plane, mode.tilt_across)
         name = "sway_in_plane" if mode.group == "in_plane" else "sway_across"
         found.append(Pivot(name, axis, reach, mode.frequency_hz, mode.damping))
-    ratio = float(swung.natural_frequency_hz) / torsion.frequency_hz
-    return (*found, Pivot("torsion", _UP, 0.0, ratio * torsion.frequency_hz, float(swung.damping_ratio)))
+    return (*found, Pivot("torsion", _UP, 0.0, torsion_hz, torsion_damping))
 
 
 def _chain(

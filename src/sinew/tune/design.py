@@ -23,7 +23,7 @@ from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
+from sinew.predict.joints.design import Design, design_rig, moment_across, section_of, shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.predict.joints.validity import Check, Torso, check_joint, loads_of
 from sinew.solve.programs import configure, program
@@ -154,16 +154,15 @@ def _rig(draft: Draft) -> RigSpec:
     section = SHAPES[draft.shape].section(size, ratio)
     length_mm = round(1e3 * length)
     base = parse_rig(draft.rig)
-    space, torso = base.space, None if base.space is None else draft.target.torso
+    inertia, torso = draft.target.inertia, draft.target.torso
     design = Design(
         section=section,
         length=1e-3 * length_mm,
         material=load_material(draft.material) if known else None,
         tendon_circle=round(2e3 * circle) / 2e3,
-        head_inertia=draft.target.inertia,
+        head_inertia=inertia,
         lever_inertia=round(lever, 4),
-        head_mass=None if torso is None or space is None else torso.mass + space.lever_mass.value,
-        head_height=None if torso is None else torso.centre,
+        head_across=moment_across(inertia, torso.mass, torso.centre) if torso is not None and base.space else None,
         name=f"{section.shape}, {length_mm} mm, {draft.material}",
     )
     return design_rig(base, design)
@@ -769,16 +768,16 @@ def assumptions(target: DesignTarget) -> list[str]:
     if target.torso is None:
         return [
             "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
-            "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it; the "
-            "rigs have the base's head mass until then, so their sways are not the torso's"
+            "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it. "
+            "The rigs keep the mass and height of the base's head, so their sways are not the torso's"
         ]
     torso = target.torso
     return [
         f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
         f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
-        f"the head tilts no further than the rig allows; the swing's resonance is that without weight. A rig "
-        "with a [space] gets this mass and height, and its moment across the axis as of a cylinder that stands on the "
-        "plate"
+        f"the head tilts no further than the rig allows; the swing's resonance is that without weight. The rigs "
+        "get its moments of inertia, across the axis as of a cylinder that stands on the plate; they keep the mass and "
+        "height of the base's head, so their sways are not the torso's"
     ]
 
 

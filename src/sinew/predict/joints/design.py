@@ -160,9 +160,17 @@ def _put_head(data: dict[str, Any], design: Design, told: str) -> None:
     if design.head_across is None and not (design.head_inertia is None and design.head_height is None):
         space, inertia = data["space"], data["inertia"]
         mass = inertia["head_mass"]["value"] - space["lever_mass"]["value"]
-        # m (3 r² + H²)/12 of a solid cylinder of the height H = 2 h, whose moment along its axis is m r²/2.
-        across = inertia["head"]["value"] / 2 + max(mass, 0.0) * space["head_height"]["value"] ** 2 / 3
+        across = moment_across(inertia["head"]["value"], max(mass, 0.0), space["head_height"]["value"])
         _put(data, "space.head_across", across, f"{told}; as of a cylinder on the plate with its centre at head_height")
+
+
+def moment_across(along: float, mass: float, height: float) -> float:
+    """Return the moment across the axis, about its centre [kg m²], of a solid cylinder that stands on the plate.
+
+    along: its moment about the axis, m r²/2 [kg m²]; mass [kg]; height: of its centre, half its length H [m].
+    m (3 r² + H²)/12 is half of the one and m h²/3.
+    """
+    return along / 2 + mass * height**2 / 3
 
 
 def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
