@@ -1,6 +1,8 @@
 """The exported joint in MuJoCo and as URDF, beside the twin."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,9 +15,14 @@ from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import load_rig
+from sinew.plan.toml import dump_rig, load_rig, save_rig
+from sinew.predict.joints.design import Design, design_rig
+from sinew.predict.joints.material import load_material
+from sinew.predict.joints.section import circle_section, ellipse_section
 from sinew.predict.modes import Asked, Finder
 from sinew.predict.multibody import Bodies, export_model, hinge_springs, joint_bodies, write_mjcf, write_urdf
+from sinew.tune.candidate import DesignTarget
+from sinew.tune.design import Draft, _rig, _with_window
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
@@ -38,8 +45,8 @@ def forces(model: Any, data: Any, place: Any, speed: Any) -> Any:
     return (data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias).copy()
 
 
-def poles(model: Any) -> Any:
-    """Return the eigenvalues [1/s] that swing, slowest first, the lever locked."""
+def swings(model: Any) -> tuple[Any, Any]:
+    """Return the eigenvalues [1/s] that swing, slowest first, the lever locked, and how much of each is twist."""
     data, n = mujoco.MjData(model), model.nv
     still, mass = np.zeros(n), np.zeros((n, n))
     mujoco.mj_forward(model, data)
@@ -52,8 +59,63 @@ def poles(model: Any) -> Any:
     k, c, m = (matrix[np.ix_(kept, kept)] for matrix in (spring.T / 2e-6, damper.T / 2e-3, mass))
     one = np.eye(len(kept))
     system = np.block([[0 * one, one], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
-    found = np.linalg.eigvals(system)
-    return np.array(sorted((s for s in found if s.imag > 1), key=abs))
+    values, shapes = np.linalg.eig(system)
+    twists = [row for row, i in enumerate(kept) if model.joint(int(model.dof_jntid[i])).name.startswith("twist")]
+    moved = np.abs(shapes[twists].sum(axis=0)) / np.linalg.norm(shapes[: len(kept)], axis=0)
+    order = sorted(np.flatnonzero(values.imag > 1), key=lambda i: abs(values[i]))
+    return values[order], moved[order]
+
+
+def poles(model: Any) -> Any:
+    """Return the eigenvalues [1/s] that swing, slowest first, the lever locked."""
+    return swings(model)[0]
+
+
+TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)
+
+
+def designed(shape: str, material: str, *sizes: float) -> RigSpec:
+    """Return the rig of a candidate as `sinew design` proposes it."""
+    draft = Draft(dump_rig(load_rig("paper")), TARGET, shape, material, sizes, (0.0, 0.02), (0.1, 0.1))
+    return _with_window(_rig(draft), 24.0)
+
+
+def torso_of_the_tutorial() -> RigSpec:
+    silicone = load_material("dragon-skin-30")
+    design = Design(circle_section(0.085), 0.12, silicone, tendon_circle=0.04, head_inertia=0.25, lever_inertia=0.05)
+    return design_rig(load_rig("paper"), replace(design, head_mass=20.0))
+
+
+MADE: dict[str, tuple[Callable[[], RigSpec], float]] = {
+    "paper": (lambda: load_rig("paper"), 6.0),
+    "torso": (torso_of_the_tutorial, 4.0),
+    "annulus": (lambda: designed("annulus", "dragon-skin-30", 0.049, 29 / 49, 0.134, 0.0755, 0.0223), 21.77),
+    "circle": (lambda: designed("circle", "base", 0.048, 1.0, 0.107, 0.033, 0.0286), 24.12),
+    "ellipse": (lambda: designed("ellipse", "dragon-skin-30", 0.05, 43 / 50, 0.108, 0.061, 0.0335), 17.67),
+    "oval": (lambda: design_rig(load_rig("paper"), Design(section=ellipse_section(0.065, 0.040), name="oval")), 6.0),
+}
+"""Rigs as Sinew makes them, and the pretension [mm] at which they are exported."""
+
+
+@pytest.mark.parametrize("sway", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["upright", "sways"])
+@pytest.mark.parametrize("name", MADE)
+def test_every_rig_that_is_made_loads_in_mujoco_and_resonates_there_within_two_per_cent(name: str, sway: bool) -> None:
+    make, pretension_mm = MADE[name]
+    made = joint_bodies(make(), Asked((pretension_mm,), (0.0,), swing_deg=7.0), sway=sway)
+    values, twist = swings(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))
+    resonance_hz = abs(values[np.argmax(twist)]) / (2 * np.pi)
+    assert resonance_hz == pytest.approx(made.pivots[-1].frequency_hz, rel=0.02)
+    if name in ("annulus", "circle", "ellipse"):  # found by harmonic balance for the upper end of the band
+        assert resonance_hz == pytest.approx(TARGET.band_hz[1], rel=0.02)
+
+
+def test_a_model_of_assumed_moments_says_so_and_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = load_rig("paper").model_dump()
+    data["inertia"]["head"] |= {"value": 0.25, "bounds": (0.1, 0.5)}  # across, 0.0025 kg m² are left
+    save_rig(RigSpec.model_validate(data), tmp_path / "torso.toml")
+    assert main(["model", str(tmp_path / "torso.toml"), "--out", str(tmp_path / "joint.xml"), "--no-sway"]) == 0
+    assert "0.125 kg m², the nearest possible, is assumed" in capsys.readouterr().out
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "joint.xml")).body("head").inertia.min() == 0.125
 
 
 def test_an_exported_joint_rests_where_it_is_loaded(bodies: Bodies) -> None:

@@ -108,6 +108,7 @@ def test_what_a_design_changes_is_marked_as_assumed_and_the_rest_is_not_touched(
         "tendons.free_span",
         "inertia.head",
         "inertia.head_mass",
+        "space.head_across",
     }
     assert changed == expected
     assert {one.origin for name, one in rig.parameters() if name in changed} == {"assumed"}

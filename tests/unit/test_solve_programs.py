@@ -187,3 +187,53 @@ def test_an_error_of_the_function_reaches_who_calls_it(folder: Path) -> None:
     with pytest.raises(ValueError, match="inconsistent sizes"):
         anew()(np.zeros(4), GIVEN[1])
     assert not folder.exists()
+
+
+_SLOW_TO_FOLD = """
+import os, sys, tempfile
+import jax, numpy as np
+from sinew.solve.programs import configure
+
+def logged(name, size):
+    values = np.random.default_rng(0).random((size, size, size))
+    def summed(x):
+        return x + jax.lax.reduce_window(values, 0.0, jax.lax.add, (7, 7, 7), (1, 1, 1), "SAME").sum()
+    with tempfile.TemporaryFile() as file:
+        before = os.dup(2)
+        os.dup2(file.fileno(), 2)
+        jax.jit(summed).lower(1.0).compile()
+        os.dup2(before, 2)
+        file.seek(0)
+        print(name, len(file.read()))
+
+jax.config.update("jax_enable_x64", True)
+logged("jax", SIZE)
+configure()
+logged("sinew", SIZE + 1)
+"""
+
+
+@pytest.mark.slow
+def test_what_xla_logs_does_not_reach_the_screen() -> None:
+    # Folding this constant takes XLA over a second, which it says at the level of an error.
+    code = _SLOW_TO_FOLD.replace("SIZE", "16")
+    surroundings = {name: value for name, value in os.environ.items() if name not in ("JAX_LOGGING_LEVEL", "XLA_FLAGS")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings)
+    (_, by_jax), (_, by_sinew) = (line.split() for line in done.stdout.splitlines())
+    assert int(by_jax) > 0
+    assert int(by_sinew) == 0
+
+
+def test_a_users_own_level_of_jaxs_log_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = jax.config.jax_logging_level
+    monkeypatch.setenv("JAX_LOGGING_LEVEL", "ERROR")
+    try:
+        jax.config.update("jax_logging_level", "ERROR")
+        programs._begun.__wrapped__()
+        assert jax.config.jax_logging_level == "ERROR"
+    finally:
+        jax.config.update("jax_logging_level", before)
+
+
+def test_jax_logs_nothing_below_what_ends_the_process() -> None:
+    assert jax.config.jax_logging_level == "CRITICAL"

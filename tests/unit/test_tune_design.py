@@ -1,5 +1,6 @@
 """The parts of a design search: closed sections, a candidate and its slopes, who is dominated, what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -12,9 +13,20 @@ from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.section import annulus_section
+from sinew.predict.joints.validity import Torso
 from sinew.solve.programs import configure
-from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
-from sinew.tune.design import blocks_of, nondominated, search_block, spread_out
+from sinew.tune.candidate import LIMITS, SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
+from sinew.tune.design import (
+    Draft,
+    Effort,
+    _rig,
+    blocks_of,
+    design_joints,
+    nondominated,
+    propose,
+    search_block,
+    spread_out,
+)
 from sinew.tune.pretension import Swing, find_resonances
 
 RIG = load_rig("paper")
@@ -91,6 +103,57 @@ def test_a_candidate_resonates_by_harmonic_balance_where_the_search_says() -> No
         assert abs(one.lever) == pytest.approx(lever, rel=0.03)
     assert found[1] is not None
     assert float(judged.objectives[2]) == pytest.approx(found[1].tension, rel=0.01)
+
+
+def excess_of(sizes: dict[str, float], torso: Torso | None) -> dict[str, float]:
+    """Return by how much an annulus exceeds each limit, as the search has it."""
+    frame = frame_of(RIG, replace(TARGET, torso=torso), "annulus")
+    judged = jax.jit(judge)(jnp.asarray(place("annulus", sizes)), shear_modulus_of(RIG), frame)
+    return dict(zip(LIMITS, np.asarray(judged.excess).tolist(), strict=True))
+
+
+@pytest.mark.slow
+def test_the_search_weighs_a_torso_as_the_exact_checks_do() -> None:
+    configure()
+    torso, frame = Torso(6.0, 0.2), frame_of(RIG, TARGET, "annulus")
+    found = excess_of(ANNULUS, torso)
+    judged = jax.jit(judge)(jnp.asarray(place("annulus", ANNULUS)), shear_modulus_of(RIG), frame)
+    ends = [tuple(np.asarray(x).tolist()) for x in (judged.pretension, judged.lever)]
+    draft = Draft(dump_rig(RIG), replace(TARGET, torso=torso), "annulus", "base", tuple(ANNULUS.values()), *ends)
+    exact = propose(draft)
+    assert exact is not None
+    shares = {one.name: one.value for one in exact.checks}
+    # Shares of what is allowed, 10 % kept in reserve; fundamentals alone, and sizes that are not rounded: 2 %.
+    for limit, check in (
+        ("tipping over with the torso", "tipping_over"),
+        ("buckling under the torso", "buckling_sideways"),
+    ):
+        assert 0.9 * (1 + found[limit]) == pytest.approx(shares[check], rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_torso_that_no_joint_holds_ends_the_search_with_the_limit_of_each_candidate() -> None:
+    target = replace(TARGET, torso=Torso(20.0))
+    silicones = {"base": shear_modulus_of(RIG)}
+    found = design_joints(RIG, target, silicones, ["circle", "annulus"], Effort(starts=8))
+    assert (found.feasible, found.evaluated) == (0, ())
+    assert {(one.shape, one.limit) for one in found.failed} == {
+        ("circle", "tipping over with the torso"),
+        ("annulus", "tipping over with the torso"),
+    }
+    said = "\n".join(found.document()["sentences"])
+    assert "circle of base: tipping over with the torso" in said
+    assert f"for tipping over with the torso: {LIMITS['tipping over with the torso']}" in said
+    assert "narrower band" not in said
+
+
+def test_the_rig_of_a_design_has_its_torsos_moments_of_inertia() -> None:
+    target = replace(TARGET, torso=Torso(20.0, 0.3))
+    rig = _rig(Draft(dump_rig(RIG), target, "annulus", "base", tuple(ANNULUS.values()), (0.0, 0.01), (0.1, 0.1)))
+    assert rig.space is not None
+    radius = np.sqrt(2 * 0.25 / 20.0)
+    assert rig.inertia.head.value == 0.25
+    assert rig.space.head_across.value == pytest.approx(20.0 * (3 * radius**2 + 0.6**2) / 12)
 
 
 @pytest.mark.slow

@@ -4,13 +4,14 @@ import math
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from sinew.measure.arrays import Array
+from sinew.measure.errors import SpecError
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import NotNegative, Parameter, Positive, Settings, not_negative, positive, signed
 from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, SERVOS, winding_resistance
@@ -644,3 +645,48 @@ class RigSpec(Settings):
             if origin is not None:
                 row["origin"] = origin
         return RigSpec.model_validate(data)
+
+
+class Moments(NamedTuple):
+    """Principal moments of inertia of head and lever about their centres, along x, y and z of frame H (3,) [kg m²].
+
+    assumptions: sentences on those that the rig only assumes.
+    """
+
+    head: Array
+    lever: Array
+    assumptions: tuple[str, ...]
+
+
+def moments_of(rig: RigSpec) -> Moments:
+    """Return the principal moments of a rig's head and lever, each as a body can have them.
+
+    No moment of a body is larger than the sum of the other two. The head has the same across in every direction, so
+    that is at least half of the one along the axis; the lever's about its arms is at most twice that across them. Where
+    a rig breaks this by a moment that it assumes, the nearest possible one is taken and said. A rig without [space]
+    has the moments of thin discs. Raises SpecError where the impossible moment was not assumed.
+    """
+    head, lever, space = rig.inertia.head.value, rig.inertia.lever.value, rig.space
+    if space is None:
+        return Moments(np.array([head, head / 2, head / 2]), np.array([lever, lever / 2, lever]), ())
+    across, along = space.head_across.value, space.lever_along.value
+    said = []
+    if 2 * across < head:
+        across = head / 2
+        said.append(_completed(rig, "head_across", across, f"less than half of inertia.head, {head:g} kg m²"))
+    elif space.head_across.origin == "assumed":
+        note = f": {space.head_across.note}" if space.head_across.note else ""
+        said.append(f"assumed: space.head_across, the head's moment across its axis, is {across:.4g} kg m²{note}")
+    if along > 2 * lever:
+        along = 2 * lever
+        said.append(_completed(rig, "lever_along", along, f"more than twice inertia.lever, {lever:g} kg m²"))
+    return Moments(np.array([head, across, across]), np.array([lever, along, lever]), tuple(said))
+
+
+def _completed(rig: RigSpec, name: str, taken: float, fault: str) -> str:
+    """Return what is said where an assumed moment is replaced. Raises SpecError where it was not assumed."""
+    given: Parameter = getattr(rig.space, name)
+    found = f"space.{name} is {given.value:g} kg m², {fault}; no body has such moments of inertia"
+    if given.origin != "assumed":
+        raise SpecError(f"rig {rig.name}: {found}; expected a {given.origin} value that a body can have, correct one")
+    return f"{found}. {taken:.4g} kg m², the nearest possible, is assumed; write the right value into the rig"

@@ -27,7 +27,7 @@ from sinew.mechanics.rod import STRAINS, TERMS
 from sinew.mechanics.space import Space
 from sinew.plan.plan import TendonMode
 from sinew.plan.pose import swing_of_bend
-from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec, moments_of
 from sinew.plan.toml import load_rig
 from sinew.predict.band import draw_rigs, estimate_of_deviations
 from sinew.predict.predicted import refuse_pretensions
@@ -363,6 +363,7 @@ class Modes(Told):
                 for one in self.conditions
             ],
             "veering": [{**one._asdict(), "kinds": list(one.kinds)} for one in self.veerings],
+            "assumptions": list(moments_of(self.rig).assumptions),
             "draws": {"count": self.draws, "parameters": list(self.names), "remarks": list(self.remarks)},
         }
 
@@ -433,7 +434,7 @@ class Modes(Told):
         ]
         told_ += [f"- {sentence_of(one, self.rig)}" for one in self.conditions if one.is_near]
         told_ += [f"- {_veering_sentence(one)}" for one in self.veerings]
-        told_ += [f"- {one}" for one in self.remarks]
+        told_ += [f"- {one}" for one in (*moments_of(self.rig).assumptions, *self.remarks)]
         return told_
 
 

@@ -33,7 +33,7 @@ from sinew.mechanics.rod import STRAINS, TERMS, section_springs
 from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxation_times, twist_rigidity
 from sinew.mechanics.space import Space
 from sinew.plan.plan import Group, TendonMode
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import RigSpec, moments_of
 from sinew.predict.modes import Asked, Finder, FoundMode
 from sinew.predict.pose import guides_of, sections_at, strains_at
 from sinew.predict.predicted import refuse_pretensions
@@ -194,7 +194,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     space = rig.space
     lever_mass = float(p.head_mass) / 2 if space is None else space.lever_mass.value
     heights = (0.0, 0.0) if space is None else (space.head_height.value, space.lever_height.value)
-    across, along = (float(p.head) / 2, 0.0) if space is None else (space.head_across.value, space.lever_along.value)
+    moments = moments_of(rig)
     directions = np.array([[0.0, float(c), float(s)] for c, s in p.guide_directions])
     gap = np.array([float(p.free_span) - length, 0.0, 0.0])
     link = Link(
@@ -220,8 +220,8 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         tension=np.full(len(directions), total / len(directions)),
         guide_spring=float(springs.guides),
         guide_damping=float(springs.guides_loss) / (math.tau * hz) + float(p.viscous),
-        head=(float(p.head_mass) - lever_mass, heights[0], np.array([float(p.head), across, across])),
-        lever=(lever_mass, heights[1], np.array([float(p.lever), along or float(p.lever) / 2, float(p.lever)])),
+        head=(float(p.head_mass) - lever_mass, heights[0], moments.head),
+        lever=(lever_mass, heights[1], moments.lever),
         radius=rig.silicone.diameter.value / 2,
         channel=False,
         torsion_hz=hz,
@@ -279,7 +279,7 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         torsion_hz=torsion_hz,
         sway_hz=sway_hz,
         swing=swing,
-        pivots=() if bend_deg else _pivots(sways, torsion, q, space, straight),
+        pivots=() if bend_deg else _pivots(sways, q, space, torsion_hz, float(straight.damping_ratio)),
     )
     # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
     longer = _tendon_lengths(bodies) - np.asarray(linear.around.spans)
@@ -287,7 +287,7 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
 
 
 def _pivots(
-    sways: Sequence[FoundMode], torsion: FoundMode, q: Array, space: Space, swung: FreeSwing
+    sways: Sequence[FoundMode], q: Array, space: Space, torsion_hz: float, torsion_damping: float
 ) -> tuple[Pivot, ...]:
     """Return the modes of a straight joint as hinges.
 
@@ -302,8 +302,7 @@ def _pivots(
         reach = float(np.linalg.norm(aside)) / math.hypot(mode.tilt_in_plane, mode.tilt_across)
         name = "sway_in_plane" if mode.group == "in_plane" else "sway_across"
         found.append(Pivot(name, axis, reach, mode.frequency_hz, mode.damping))
-    ratio = float(swung.natural_frequency_hz) / torsion.frequency_hz
-    return (*found, Pivot("torsion", _UP, 0.0, ratio * torsion.frequency_hz, float(swung.damping_ratio)))
+    return (*found, Pivot("torsion", _UP, 0.0, torsion_hz, torsion_damping))
 
 
 def _chain(
@@ -380,6 +379,11 @@ def _tendon_lengths(bodies: Bodies) -> Array:
 
 def _text(*values: Any) -> str:
     return " ".join(f"{float(value) if abs(value) > _NOTHING else 0.0:.9g}" for value in values)
+
+
+def _exact(*values: float) -> str:
+    """Return numbers with all their digits: rounded, the moments of a flat body may break A + B >= C."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def _quaternion(matrix: Array) -> str:
@@ -470,7 +474,7 @@ def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
                 "inertial",
                 pos=_text(*(link.turned.T @ (link.centre - link.place))),
                 mass=_text(link.mass),
-                diaginertia=_text(*link.tensor),
+                diaginertia=_exact(*link.tensor),
             )
             reach = link.turned.T @ (above - link.place)
             _add(body, "geom", type="cylinder", fromto=_text(0, 0, 0, *reach), size=_text(bodies.radius))
@@ -545,7 +549,7 @@ def _head(parent: ET.Element, place: Array, turned: Array, bodies: Bodies) -> No
         quat=_quaternion(turned.T @ bodies.turned),
     )
     mass, height, tensor = bodies.head
-    _add(head, "inertial", pos=_text(height, 0, 0), mass=_text(mass), diaginertia=_text(*tensor))
+    _add(head, "inertial", pos=_text(height, 0, 0), mass=_text(mass), diaginertia=_exact(*tensor))
     _add(head, "geom", type="cylinder", fromto="0 0 0 0.008 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1")
     _add(head, "site", name="imu", pos="0 0 0")
     _sites(head, "head", bodies.guides)
@@ -562,7 +566,7 @@ def _head(parent: ET.Element, place: Array, turned: Array, bodies: Bodies) -> No
         damping=_text(bodies.joint.speed_slope),
         frictionloss=_text(bodies.joint.drive_friction),
     )
-    _add(lever, "inertial", pos="0 0 0", mass=_text(mass), diaginertia=_text(*tensor))
+    _add(lever, "inertial", pos="0 0 0", mass=_text(mass), diaginertia=_exact(*tensor))
     arm = math.sqrt(float(tensor[0]) / mass)
     _add(lever, "geom", type="capsule", fromto=_text(0, -arm, 0, 0, arm, 0), size="0.005", rgba="0.7 0.35 0.2 1")
     for end in (-arm, arm):
@@ -675,7 +679,7 @@ def _urdf_link(root: ET.Element, name: str, body: tuple[float, float, Array]) ->
     inertial = _add(_add(root, "link", name=name), "inertial")
     _add(inertial, "origin", xyz=_text(height, 0, 0), rpy="0 0 0")
     _add(inertial, "mass", value=_text(mass))
-    _add(inertial, "inertia", ixx=_text(x), iyy=_text(y), izz=_text(z), ixy="0", ixz="0", iyz="0")
+    _add(inertial, "inertia", ixx=_exact(x), iyy=_exact(y), izz=_exact(z), ixy="0", ixz="0", iyz="0")
 
 
 def _urdf_joint(

@@ -86,6 +86,9 @@ def _begun() -> str:
     operation of a larger one by itself: the derivatives of a simulated oscillation took ten times as long. The option
     has no other door than the environment; XLA reads it when it first computes, and a version that does not know it
     passes it over. Several lists of such options add up, so a user's own stays beside ours.
+
+    What JAX and XLA log, as that a constant takes long to fold, helps nobody at a command: errors come as exceptions.
+    A user's own JAX_LOGGING_LEVEL stays.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if _WHOLE_LOOP not in flags:
@@ -93,6 +96,8 @@ def _begun() -> str:
     os.environ.setdefault("NPROC", "1")
     _keep_memory()
     settings: dict[str, object] = {"jax_enable_x64": True, "jax_cpu_enable_async_dispatch": False}
+    if "JAX_LOGGING_LEVEL" not in os.environ:
+        settings["jax_logging_level"] = "CRITICAL"
     folder = cache_folder()
     with contextlib.suppress(OSError):  # a read-only home costs a compilation each time, nothing else
         folder.mkdir(parents=True, exist_ok=True)

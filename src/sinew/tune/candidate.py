@@ -277,6 +277,31 @@ _COMPRESSION = 0.25
 _TRAVEL_LEFT = 2e-3
 _STEPS = 9
 
+LIMITS = {
+    "resonance at the lower end of the band": "raise the lower end, or allow a longer envelope",
+    "resonance at the upper end of the band": "lower the upper end, or allow a larger diameter",
+    "tension above the first contact": "raise the lower end of the band, or allow a longer envelope",
+    "damping": "ask for a larger yaw, or take a rig whose silicone loses more",
+    "steps of the pretension": "narrow the band, or take a rig whose pretension repeats better",
+    "tension": "lower the upper end of the band, or let less sit on the joint",
+    "travel of the cables": "narrow the band",
+    "amplitude of the drive": "ask for less yaw",
+    "duty of the drive": "ask for less yaw, or lower the upper end of the band",
+    "current of the drive": "ask for less yaw, or lower the upper end of the band",
+    "strain of the silicone": "ask for less yaw, or allow a longer envelope",
+    "compression of the silicone": "lower the upper end of the band, or let less sit on the joint",
+    "slenderness": "allow a longer envelope",
+    "bonded ends along the axis": "allow a longer envelope",
+    "bonded ends in torsion": "allow a longer envelope",
+    "buckling sideways": "allow a larger diameter, or lower the upper end of the band",
+    "buckling by twisting": "leave out flat sections, or lower the upper end of the band",
+    "clearance of the tendons": "allow a larger diameter",
+    "buckling under the torso": "let less sit on the joint, or allow a larger diameter",
+    "tipping over with the torso": "let less sit on the joint or lower, raise the lower end of the band, or lower the "
+    "rig's limits.tilt_deg",
+}
+"""What a candidate has to keep, in the order of `Judged.excess`, and what helps where it does not."""
+
 Triple = tuple[jax.Array, jax.Array, jax.Array]
 
 
@@ -286,7 +311,8 @@ class Frame(NamedTuple):
     base: parameters of the rig that is changed. shape: number among `SHAPES`. amplitude: of the torsion; omega: of the
     band's ends (2,). contact: tension of all tendons at first contact. beyond: span beyond the silicone. low, high: of
     each size (n,). damping: least D. wander: least difference of the pretensions at the band's ends. tension: of all
-    tendons together, travel, command, current: what they may be. tendons: number.
+    tendons together, travel, command, current: what they may be. tendons: number. weight: of the torso [N]; tipping:
+    its moment where the head tilts as far as the rig allows [N m]; zero where no torso is given.
     """
 
     base: Parameters
@@ -307,6 +333,8 @@ class Frame(NamedTuple):
     command: jax.Array
     current: jax.Array
     tendons: jax.Array
+    weight: jax.Array
+    tipping: jax.Array
 
 
 class Sizes(NamedTuple):
@@ -353,6 +381,8 @@ def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
         "travel": 1e-3 * limits.tendon_travel_mm[1] - _TRAVEL_LEFT,
         "command": jnp.radians(_RESERVE * limits.drive_amplitude_deg),
         "current": _RESERVE * limits.drive_current_a,
+        "weight": 0.0 if target.torso is None else target.torso.weight,
+        "tipping": 0.0 if target.torso is None else target.torso.moment(limits.tilt_deg),
     }
     arrays = {name: jnp.asarray(value, dtype=float) for name, value in values.items()}
     return Frame(from_rig(rig), jnp.asarray(list(SHAPES).index(name)), **arrays)
@@ -420,12 +450,17 @@ def _resonant(omega: jax.Array, p: Parameters, frame: Frame) -> tuple[jax.Array,
 
 
 def _first_contact(p: Parameters, frame: Frame) -> jax.Array:
-    """Return the shortening [m] under the first-contact tension: G A (1/λ² - λ) = ΣT, by Newton's method."""
-    load = frame.contact / p.axial_rigidity
-    stretch = 1 - load / 3
+    """Return the shortening [m] under the first-contact tension."""
+    return p.length * (1 - _pressed(jnp.ones(()), frame.contact / p.axial_rigidity))
+
+
+def _pressed(stretch: jax.Array, more: jax.Array) -> jax.Array:
+    """Return the stretch under a further load, as a share of G A, by Newton's method; see `validity.loads_under`."""
+    load = compressive_load(1.0, stretch) + more
+    found = (1 + load) ** -0.5  # below the root of a convex function, from where Newton's steps only rise
     for _ in range(6):
-        stretch = stretch - (compressive_load(1.0, stretch) - load) / (-2 * stretch**-3 - 1)
-    return p.length * (1 - stretch)
+        found = found - (compressive_load(1.0, found) - load) / (-2 * found**-3 - 1)
+    return found
 
 
 def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
@@ -447,19 +482,21 @@ def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
         return x, first_end - held.cable_end, tension, peak, off, lever, command, load[2], load[3], load[5]
 
     x, pretension, tension, peak, off, lever, command, duty, current, energy = jax.vmap(at)(frame.omega)
-    stretch = 1 - x[1] / p.length
+    stretch = _pressed(1 - x[1] / p.length, frame.weight / p.axial_rigidity)
+    tilted = 2 * frame.tipping / sizes.circle  # of all tendons together: that of `validity.loads_under`
     excess = [
         100 * jnp.abs(off[0]),
         100 * jnp.abs(off[1]),
         _CONTACT * frame.contact / tension[0] - 1,
         frame.damping / jnp.min(0.5 * p.lever * lever / ((p.head + p.lever) * frame.amplitude)) - 1,
         frame.wander / jnp.maximum(pretension[1] - pretension[0], 1e-9) - 1,
-        peak[1] / frame.tension - 1,
+        (peak[1] + tilted) / frame.tension - 1,
         pretension[1] / frame.travel - 1,
         jnp.max(command) / frame.command - 1,
         jnp.max(duty) / _RESERVE - 1,
         jnp.max(current) / frame.current - 1,
         *_material_excess(sizes, form, stretch, modulus, peak[1], frame),
+        tilted / (_RESERVE * tension[0]) - 1,
     ]
     diameter = jnp.maximum(form.diameter, 2 * (sizes.circle + GUIDE))
     volume = jnp.pi / 4 * diameter**2 * p.free_span
@@ -473,6 +510,7 @@ def _material_excess(
     shear = form.shear_arm * frame.amplitude / sizes.length
     euler = euler_load(3 * modulus * form.least, sizes.length, tilt_held=True)
     critical = column_load(euler, modulus * form.area)
+    swaying = column_load(euler_load(3 * modulus * form.least, sizes.length, tilt_held=False), modulus * form.area)
     bulge = form.area / (form.perimeter * sizes.length)
     twisting = 1 - twisting_stretch(form.torsion_constant, form.polar, 1e-9)
     warping = bonded_torsion_factor(form.torsion_constant, form.warping_constant, sizes.length) - 1
@@ -485,4 +523,5 @@ def _material_excess(
         _SAFE_BUCKLING * load / critical - 1,
         (1 - stretch) / (_RESERVE * twisting) - 1,
         (0.5 * form.diameter * stretch**-0.5 + 0.5 * GUIDE) / sizes.circle - 1,
+        (load / critical + frame.weight / swaying) / _RESERVE - 1,
     ]

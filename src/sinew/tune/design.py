@@ -23,12 +23,13 @@ from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
+from sinew.predict.joints.design import Design, design_rig, moment_across, section_of, shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.predict.joints.validity import Check, Torso, check_joint, loads_of
 from sinew.solve.programs import configure, program
 from sinew.tune.candidate import (
     GUIDE,
+    LIMITS,
     OBJECTIVES,
     SHAPES,
     SIZES,
@@ -152,16 +153,19 @@ def _rig(draft: Draft) -> RigSpec:
     known = draft.material in list_materials()
     section = SHAPES[draft.shape].section(size, ratio)
     length_mm = round(1e3 * length)
+    base = parse_rig(draft.rig)
+    inertia, torso = draft.target.inertia, draft.target.torso
     design = Design(
         section=section,
         length=1e-3 * length_mm,
         material=load_material(draft.material) if known else None,
         tendon_circle=round(2e3 * circle) / 2e3,
-        head_inertia=draft.target.inertia,
+        head_inertia=inertia,
         lever_inertia=round(lever, 4),
+        head_across=moment_across(inertia, torso.mass, torso.centre) if torso is not None and base.space else None,
         name=f"{section.shape}, {length_mm} mm, {draft.material}",
     )
-    return design_rig(parse_rig(draft.rig), design)
+    return design_rig(base, design)
 
 
 def _with_window(rig: RigSpec, highest_mm: float) -> RigSpec:
@@ -265,7 +269,8 @@ class Block(NamedTuple):
 
 class Found(NamedTuple):
     """Candidates of a block, n of them, whether feasible or not. sizes: (n, 5), see `SIZES`; objectives: (n, 3), see
-    `OBJECTIVES`; pretension [m] and lever's amplitude [rad] at both ends of the band, (n, 2). excess: the largest."""
+    `OBJECTIVES`; pretension [m] and lever's amplitude [rad] at both ends of the band, (n, 2). excess: the largest, and
+    binding: of which of `LIMITS`, (n,)."""
 
     shape: str
     material: str
@@ -276,6 +281,7 @@ class Found(NamedTuple):
     lever: Array
     feasible: Mask
     excess: Array
+    binding: NDArray[np.int64]
 
 
 def blocks_of(
@@ -330,9 +336,12 @@ def search_block(block: Block) -> Found:
     weights = rng.dirichlet(np.ones(len(OBJECTIVES)), block.starts)
     done = _search(np.log(place / (1 - place)), weights, block.modulus, frame)
     sizes, objectives, excess, pretension, lever = (np.asarray(leaf) for leaf in done)
-    worst = np.nan_to_num(excess.max(axis=1), nan=np.inf)
+    excess = np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
+    worst, binding = excess.max(axis=1), excess.argmax(axis=1)
     feasible = (worst <= _CLOSE) & np.isfinite(objectives).all(axis=1)
-    return Found(block.shape, block.material, block.modulus, sizes, objectives, pretension, lever, feasible, worst)
+    return Found(
+        block.shape, block.material, block.modulus, sizes, objectives, pretension, lever, feasible, worst, binding
+    )
 
 
 # A proposal is run on the full twin, and what comes out is held against what was predicted of it.
@@ -446,15 +455,37 @@ class Effort:
     seed: int = 0
 
 
+class Failed(NamedTuple):
+    """A candidate of the search that breaks a limit. limit: the one it breaks most; excess: by what share of it."""
+
+    shape: str
+    material: str
+    limit: str
+    excess: float
+
+
+def nearest_failures(found: Sequence[Found]) -> tuple[Failed, ...]:
+    """Return of each shape and silicone the candidate that breaks its limits least, the nearest first; those that break
+    none are left out."""
+    names, failed = list(LIMITS), []
+    for one in found:
+        i = int(np.argmin(one.excess))
+        if not one.feasible[i]:
+            failed.append(Failed(one.shape, one.material, names[one.binding[i]], float(one.excess[i])))
+    return tuple(sorted(failed, key=lambda row: row.excess))
+
+
 @dataclass(frozen=True, repr=False)
 class Designed(Told):
-    """What came of it. candidates, feasible: of the search, numbers. evaluated: exactly computed ones that have
+    """What came of it. candidates, feasible: of the search, numbers. failed: of the search, where none is feasible, see
+    `nearest_failures`. evaluated: exactly computed ones that have
     resonances. front: which of them are feasible and not dominated, (n,). chosen: indices of the proposals among them,
     confirmed: what the twin says of each. search_s, exact_s, confirm_s: wall time of the parts [s]. base: name of the
     rig that it began with; target, effort: what was asked for."""
 
     candidates: int
     feasible: int
+    failed: tuple[Failed, ...]
     evaluated: tuple[Proposal, ...]
     front: Mask
     chosen: tuple[int, ...]
@@ -486,6 +517,7 @@ class Designed(Told):
             "effort": {**self.effort.__dict__},
             "candidates": self.candidates,
             "feasible": self.feasible,
+            "failed": [one._asdict() | {"excess": finite(one.excess)} for one in self.failed],
             "evaluated": [_joint(one, bool(on)) for one, on in zip(self.evaluated, self.front, strict=True)],
             "proposals": proposals,
             "sentences": [*_sentences(self, proposals), *assumptions(self.target)],
@@ -601,6 +633,7 @@ def design_joints(
     return Designed(
         candidates=sum(len(one.sizes) for one in found),
         feasible=int(sum(one.feasible.sum() for one in found)),
+        failed=() if drafts else nearest_failures(found),
         evaluated=tuple(evaluated),
         front=front,
         chosen=tuple(chosen),
@@ -735,24 +768,50 @@ def assumptions(target: DesignTarget) -> list[str]:
     if target.torso is None:
         return [
             "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
-            "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it"
+            "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it. "
+            "The rigs keep the mass and height of the base's head, so their sways are not the torso's"
         ]
     torso = target.torso
     return [
         f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
         f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
-        f"the head tilts no further than the rig allows. Candidates that fail under it are refused after the search, "
-        "which does not know of it; the swing's resonance is that without weight"
+        f"the head tilts no further than the rig allows; the swing's resonance is that without weight. The rigs "
+        "get its moments of inertia, across the axis as of a cylinder that stands on the plate; they keep the mass and "
+        "height of the base's head, so their sways are not the torso's"
+    ]
+
+
+_SHOWN = 6  # candidates without a proposal
+
+
+def _why_none(found: Designed) -> list[str]:
+    """Return sentences on the limit that binds each of the nearest candidates, and on what helps with it."""
+    computed = sorted((one for one in found.evaluated if one.faults), key=lambda one: len(one.faults))[:_SHOWN]
+    if computed:
+        return [
+            f"none of the {len(computed)} best that were computed exactly passed; of each, what is exceeded:",
+            *(f"{one.rig.name}: {'; '.join(one.faults)}" for one in computed),
+        ]
+    shown = found.failed[:_SHOWN]
+    if not shown:
+        return ["none of them has both resonances by harmonic balance; allow a narrower band or another silicone"]
+    limits = dict.fromkeys(one.limit for one in shown)
+    return [
+        f"none of the {len(shown)} best passed; what each breaks most, and by how much of it:",
+        *(f"{one.shape} of {one.material}: {one.limit}, {100 * one.excess:.3g} %" for one in shown),
+        *(f"for {limit}: {LIMITS[limit]}" for limit in limits),
     ]
 
 
 def _sentences(found: Designed, proposals: list[dict[str, Any]]) -> list[str]:
     told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
     fit = sum(not one.faults for one in found.evaluated)
-    told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated")
+    if found.evaluated:
+        told.append(
+            f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated"
+        )
     if not proposals:
-        told.append("no joint within these limits was found; allow a larger envelope, a narrower band or less yaw")
-        return told
+        return [*told, *_why_none(found)]
     sure = sum(one["is_confirmed"] for one in proposals)
     told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
     held = max(one["holding_a"] for one in proposals)

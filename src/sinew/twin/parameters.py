@@ -13,7 +13,7 @@ from sinew.mechanics.rod import SHEAR_FACTOR, TERMS, Rod
 from sinew.mechanics.silicone import prony_shares
 from sinew.mechanics.space import Space
 from sinew.mechanics.tendons import guide_directions
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import RigSpec, moments_of
 
 
 def from_rig(rig: RigSpec) -> Parameters:
@@ -96,15 +96,15 @@ def space_from_rig(rig: RigSpec) -> Space:
         line_mass=density * area,  # type: ignore[arg-type]
         line_inertia=(density * sum(moments), density * moments[0], density * moments[1]),  # type: ignore[arg-type]
     )
-    across, lever = spatial.head_across.value, rig.inertia.lever.value
+    bodies = moments_of(rig)
     space = Space(
         rod=rod,
         head_mass=rig.inertia.head_mass.value - lever_mass,  # type: ignore[arg-type]
         head_height=spatial.head_height.value,  # type: ignore[arg-type]
-        head_tensor=np.array([rig.inertia.head.value, across, across]),  # type: ignore[arg-type]
+        head_tensor=bodies.head,  # type: ignore[arg-type]
         lever_mass=lever_mass,  # type: ignore[arg-type]
         lever_height=spatial.lever_height.value,  # type: ignore[arg-type]
-        lever_tensor=np.array([lever, spatial.lever_along.value, lever]),  # type: ignore[arg-type]
+        lever_tensor=bodies.lever,  # type: ignore[arg-type]
         weight=np.array([-STANDARD_GRAVITY, 0.0, 0.0]),  # type: ignore[arg-type]
         channel=float(spatial.routing == "channel"),  # type: ignore[arg-type]
         cable_end=np.full(tendons, 1e3),

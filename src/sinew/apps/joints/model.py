@@ -43,6 +43,7 @@ def model(
     check_angle("--swing-deg", swing)
 
     from sinew.plan.plan import TendonMode
+    from sinew.plan.rig import moments_of
     from sinew.plan.toml import load_rig
     from sinew.predict.multibody import export_model, model_document
 
@@ -68,8 +69,10 @@ def model(
         "azimuth_deg": azimuth,
         "mode": mode,
         "swing_deg": swing,
+        "assumptions": list(moments_of(spec).assumptions),
         **model_document(bodies),
     }
     modes = ", ".join(f"{name} {hz:.3f} Hz" for name, hz in document["frequency_hz"].items())
     told = [f"{out}: {document['pieces']} pieces, {len(document['tension_n'])} tendons", modes] if modes else [str(out)]
+    told += [f"- {sentence}" for sentence in document["assumptions"]]
     console.print_result(document, told, json=json)

@@ -56,6 +56,10 @@ class JointOptions(NamedTuple):
     head_inertia_kg_m2: Annotated[float | None, _joint("I", "of the head without the lever.")] = None
     lever_inertia_kg_m2: Annotated[float | None, _joint("I", "of the lever with its weights.")] = None
     head_mass_kg: Annotated[float | None, _joint("KG", "head, lever, drive.")] = None
+    head_height_mm: Annotated[float | None, _joint("MM", "centre of the head above its plate.")] = None
+    head_across_kg_m2: Annotated[
+        float | None, _joint("I", "of the head across its axis, about its centre; else a cylinder's.")
+    ] = None
     name: Annotated[str | None, _joint("NAME", "name of its rig.")] = None
 
     @property
@@ -82,6 +86,8 @@ _REACH = {
     "head_inertia_kg_m2": (1e-7, 100),
     "lever_inertia_kg_m2": (1e-7, 100),
     "head_mass_kg": (1e-4, 1000),
+    "head_height_mm": (0, 3000),
+    "head_across_kg_m2": (1e-7, 100),
 }
 """What a size of a joint may be, in the unit of its option; beyond it, it was meant in another unit."""
 
@@ -163,6 +169,8 @@ def design_of(joint: JointOptions) -> "Design":
         head_inertia=joint.head_inertia_kg_m2,
         lever_inertia=joint.lever_inertia_kg_m2,
         head_mass=joint.head_mass_kg,
+        head_across=joint.head_across_kg_m2,
+        head_height=_scaled(joint.head_height_mm, 1e-3),
         name=joint.name or ", ".join(what) or None,
     )
 

@@ -21,7 +21,8 @@ class Design:
 
     section: of the silicone. length: of it [m]; the free span of the tendons changes by as much. material, or
     shear_modulus [Pa]. loss_factor [1]. tendons: their number; tendon_circle: radius of the guides' circle on base and
-    head [m]; first_contact_tension: of each [N]. head_inertia, lever_inertia [kg m²], head_mass [kg].
+    head [m]; first_contact_tension: of each [N]. head_inertia, lever_inertia [kg m²], head_mass [kg]. head_across: the
+    head's moment across its axis about its centre [kg m²]; head_height: of that centre above the plate [m].
     """
 
     section: Section | None = None
@@ -35,6 +36,8 @@ class Design:
     head_inertia: float | None = None
     lever_inertia: float | None = None
     head_mass: float | None = None
+    head_across: float | None = None
+    head_height: float | None = None
     name: str | None = None
 
 
@@ -126,6 +129,7 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     for name, value in values.items():
         if value is not None:
             _put(data, name, value, told)
+    _put_head(data, design, told)
     if design.length is not None:
         span = base.tendons.free_span.value + design.length - base.silicone.length.value
         _put(data, "tendons.free_span", span, f"{told}; it follows the silicone's length")
@@ -141,6 +145,32 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     except ValidationError as error:
         raise SpecError(f"this design makes no rig: {complaint(error, RigSpec, 'rig')}") from error
     return carried_over(base, rig)[0]
+
+
+def _put_head(data: dict[str, Any], design: Design, told: str) -> None:
+    """Write the head's centre and its moment across into a rig's data; a new head without one gets a cylinder's."""
+    given = {"head_height": design.head_height, "head_across": design.head_across}
+    if data["space"] is None:
+        if any(value is not None for value in given.values()):
+            raise SpecError("found a height or a moment across of a head in a rig without [space]; take another base")
+        return
+    for name, value in given.items():
+        if value is not None:
+            _put(data, f"space.{name}", value, told)
+    if design.head_across is None and not (design.head_inertia is None and design.head_height is None):
+        space, inertia = data["space"], data["inertia"]
+        mass = inertia["head_mass"]["value"] - space["lever_mass"]["value"]
+        across = moment_across(inertia["head"]["value"], max(mass, 0.0), space["head_height"]["value"])
+        _put(data, "space.head_across", across, f"{told}; as of a cylinder on the plate with its centre at head_height")
+
+
+def moment_across(along: float, mass: float, height: float) -> float:
+    """Return the moment across the axis, about its centre [kg m²], of a solid cylinder that stands on the plate.
+
+    along: its moment about the axis, m r²/2 [kg m²]; mass [kg]; height: of its centre, half its length H [m].
+    m (3 r² + H²)/12 is half of the one and m h²/3.
+    """
+    return along / 2 + mass * height**2 / 3
 
 
 def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
@@ -201,7 +231,7 @@ def _section_data(section: Section) -> dict[str, Any]:
 def _put(data: dict[str, Any], dotted: str, value: float, note: str) -> None:
     part, name = dotted.split(".")
     row = data[part][name]
-    if not value > 0:
+    if not value >= 0:
         raise SpecError(f"{dotted} would be {value:g} {row['unit']}, expected a positive number")
     low, high = row["bounds"]
     row |= {
