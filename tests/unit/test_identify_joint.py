@@ -9,7 +9,7 @@ from sinew.identify.identified import identified_joint
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.joint.motion import lever_read_again, simulate_swings, steps_per_sample
-from sinew.identify.joint.swing import Swing, make_sieve, step_between
+from sinew.identify.joint.swing import Swing, line_through, make_sieve
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
@@ -163,7 +163,7 @@ def test_jitter_of_the_stamps_moves_the_time_between_samples_by_what_a_line_thro
     off = []
     for _ in range(200):
         stamps = np.arange(size) * 5e-3 + 1e-4 * rng.standard_normal(size)
-        off.append(step_between(np.delete(stamps, slice(400, 403))) - 5e-3)
+        off.append(line_through(np.delete(stamps, slice(400, 403)))[0] - 5e-3)
     expected = 1e-4 * np.sqrt(12 / size**3)  # of a slope through independent errors
     assert np.std(off) == pytest.approx(expected, rel=0.2)
     assert np.abs(off).max() < 5 * expected
@@ -176,7 +176,7 @@ def test_a_lever_that_is_read_again_errs_alike_in_every_period_and_oppositely_in
     still = np.zeros(count)
     swing = Swing(
         0, 0, "steady", 4.0, 2.5, 0, POSITION, 5e-3, CubicSpline(time, angle, bc_type="natural"), still, still == 0, 0,
-        np.nan, np.nan,
+        True, np.nan, np.nan,
     )  # fmt: skip
     again = lever_read_again(swing, make_sieve(swing, 3), lsb, np.random.default_rng(2))
     error = again.lever(time) - angle
@@ -193,11 +193,11 @@ def test_a_deviation_of_the_pretension_is_more_of_it() -> None:
     time, numbers = 5e-3 * np.arange(12), numbers_of(load_rig("paper"))
     lever = CubicSpline(time, 0.3 * np.sin(20.0 * time))
     here, there = (
-        Swing(0, 0, "steady", mm, 3.0, 0, POSITION, 5e-3, lever, np.zeros(12), np.ones(12, bool), 0, np.nan, np.nan)
+        Swing(0, 0, "steady", mm, 3.0, 0, POSITION, 5e-3, lever, np.zeros(12), np.ones(12, bool), 0, True, np.nan, np.nan)
         for mm in (3.0, 4.0)
     )
     steps = steps_per_sample(numbers, 5e-3)
-    moved, set_so = simulate_swings([here, there], numbers, np.array([[1e-3, 0.0], [0.0, 0.0]]), steps)
+    moved, set_so = simulate_swings([here, there], numbers, np.array([[1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]), steps)
     assert moved.values == pytest.approx(set_so.values, rel=1e-9)
 
 
