@@ -368,7 +368,10 @@ class JointProblem:
         for i, (swing, seen) in enumerate(zip(self.swings, self.simulated(x, slopes=True), strict=True)):
             assert seen.slopes is not None
             own = np.concatenate([np.arange(self.shared), self.columns(i)])
-            slopes = seen.slopes[: own.size] * np.concatenate([np.ones(self.shared), self._units(swing)])[: own.size, None, None]
+            slopes = (
+                seen.slopes[: own.size]
+                * np.concatenate([np.ones(self.shared), self._units(swing)])[: own.size, None, None]
+            )
             rate = self.sieves[i].averaged(slopes[:, :, 0].T)
             rows.append(_spread(self.whitenings[i].applied(self.sieves[i].passed(rate)), own, self.size))
             current = slopes[:, swing.recorded :, 1].mean(axis=1)
