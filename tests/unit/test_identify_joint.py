@@ -9,7 +9,7 @@ from sinew.identify.identified import identified_joint
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.joint.motion import lever_read_again, simulate_swings, steps_per_sample
-from sinew.identify.joint.swing import Swing, make_sieve, step_between
+from sinew.identify.joint.swing import Swing, line_through, make_sieve, places_of, swings_of
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
@@ -163,10 +163,56 @@ def test_jitter_of_the_stamps_moves_the_time_between_samples_by_what_a_line_thro
     off = []
     for _ in range(200):
         stamps = np.arange(size) * 5e-3 + 1e-4 * rng.standard_normal(size)
-        off.append(step_between(np.delete(stamps, slice(400, 403))) - 5e-3)
+        off.append(line_through(np.delete(stamps, slice(400, 403)))[0] - 5e-3)
     expected = 1e-4 * np.sqrt(12 / size**3)  # of a slope through independent errors
     assert np.std(off) == pytest.approx(expected, rel=0.2)
     assert np.abs(off).max() < 5 * expected
+
+
+def with_one_more_sample(recording: xr.Dataset, row: int) -> xr.Dataset:
+    """Return a recording with a sample half way between a row and the next, of the same segment, on the cubic."""
+    wider = recording.isel(sample=np.insert(np.arange(recording.sizes["sample"]), row + 1, row)).copy(deep=True)
+    around = recording.isel(sample=slice(row - 20, row + 20))
+    time = around["time_s"].values
+    wider["time_s"][row + 1] = 0.5 * (time[20] + time[21])
+    for name in ("drive_rad", "gyro_rad_s"):
+        wider[name][row + 1] = CubicSpline(time, around[name].values)(0.5 * (time[20] + time[21]))
+    wider["row_size"][int(np.searchsorted(np.cumsum(recording["row_size"]), row, side="right"))] += 1
+    return wider
+
+
+def test_two_half_steps_of_a_bench_leave_the_motion_as_it_was() -> None:
+    recording = quiet_recording()
+    settle = int(recording["row_size"].values[0]) + 60
+    plain, halved = (
+        swings_of([one], load_rig("paper"))[0] for one in (recording, with_one_more_sample(recording, settle))
+    )
+    time = plain.lever.x[20:-20]
+    assert plain.size == halved.size
+    assert halved.present.all()
+    assert halved.lever.x.size == plain.lever.x.size + 1
+    assert halved.gyro == pytest.approx(plain.gyro, abs=1e-9)
+    assert halved.lever(time) == pytest.approx(plain.lever(time), abs=1e-9)
+
+
+def test_a_sample_that_came_late_is_where_it_was_taken_and_jitter_leaves_the_others_on_their_line() -> None:
+    stamps = np.arange(400) * 5e-3 + 1e-4 * np.random.default_rng(4).standard_normal(400)
+    stamps[[200, 201]] = 200.9 * 5e-3, 201.45 * 5e-3
+    places = places_of(stamps, 5e-3, 1e-4)
+    assert places[[200, 201]] == pytest.approx([200.9, 201.45], abs=5e-3)
+    assert np.array_equal(np.delete(places, [200, 201]), np.delete(np.arange(400.0), [200, 201]))
+
+
+def test_a_swing_that_begins_in_motion_is_simulated_in_motion() -> None:
+    numbers, time = numbers_of(load_rig("paper")), 5e-3 * np.arange(12)
+    still = CubicSpline(time, np.zeros(12))
+    swing = Swing(
+        0, 0, "steady", 3.0, 3.0, 0, POSITION, 5e-3, still, np.zeros(12), np.ones(12, bool), 0, False, np.nan, np.nan
+    )
+    steps = steps_per_sample(numbers, 5e-3)
+    turned, pushed = simulate_swings([swing] * 2, numbers, np.array([[0, 0, 0.2, 0], [0, 0, 0, 2.0]]), steps)
+    assert turned.values[-1, 0] < -1.0
+    assert pushed.values[6, 0] > 1.0
 
 
 def test_a_lever_that_is_read_again_errs_alike_in_every_period_and_oppositely_in_each_half() -> None:
@@ -176,7 +222,7 @@ def test_a_lever_that_is_read_again_errs_alike_in_every_period_and_oppositely_in
     still = np.zeros(count)
     swing = Swing(
         0, 0, "steady", 4.0, 2.5, 0, POSITION, 5e-3, CubicSpline(time, angle, bc_type="natural"), still, still == 0, 0,
-        np.nan, np.nan,
+        True, np.nan, np.nan,
     )  # fmt: skip
     again = lever_read_again(swing, make_sieve(swing, 3), lsb, np.random.default_rng(2))
     error = again.lever(time) - angle
@@ -193,11 +239,15 @@ def test_a_deviation_of_the_pretension_is_more_of_it() -> None:
     time, numbers = 5e-3 * np.arange(12), numbers_of(load_rig("paper"))
     lever = CubicSpline(time, 0.3 * np.sin(20.0 * time))
     here, there = (
-        Swing(0, 0, "steady", mm, 3.0, 0, POSITION, 5e-3, lever, np.zeros(12), np.ones(12, bool), 0, np.nan, np.nan)
+        Swing(
+            0, 0, "steady", mm, 3.0, 0, POSITION, 5e-3, lever, np.zeros(12), np.ones(12, bool), 0, True, np.nan, np.nan
+        )
         for mm in (3.0, 4.0)
     )
     steps = steps_per_sample(numbers, 5e-3)
-    moved, set_so = simulate_swings([here, there], numbers, np.array([[1e-3, 0.0], [0.0, 0.0]]), steps)
+    moved, set_so = simulate_swings(
+        [here, there], numbers, np.array([[1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]), steps
+    )
     assert moved.values == pytest.approx(set_so.values, rel=1e-9)
 
 

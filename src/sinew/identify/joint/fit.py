@@ -289,13 +289,13 @@ def _search(
     x = _solved(first, np.zeros(first.size), _ROUGH).values
     _report(progress, 1)
     problem = make_problem(swings, coordinates, steps)
-    x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
+    x = np.concatenate([x[: first.shared], np.zeros(problem.size - problem.shared)])
     solution = _solved(problem, x, _ROUGH)
     _report(progress, 2)
     for leg, tolerance in enumerate((_ROUGH, _FINE), start=3):
         x, scatter = solution.values.copy(), _scatter(problem, solution)
         whitenings = whitening_of(problem.residuals(x), _QUIET)
-        x[first.shared :] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
+        x[problem.of_settings] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
         problem = replace(problem, whitenings=whitenings, repeatability=scatter)
         solution = _solved(problem, x, tolerance)
         _report(progress, leg)
@@ -317,7 +317,7 @@ def _scatter(problem: JointProblem, solution: Solution) -> tuple[float, float]:
         return known
     gram = solution.jacobian.T @ solution.jacobian
     own = solution.values**2 + np.diag(np.linalg.pinv(gram, hermitian=True))
-    squares = own[problem.shared :].reshape(-1, 2).sum(axis=0) * np.square(problem.repeatability)
+    squares = own[problem.of_settings].reshape(-1, 2).sum(axis=0) * np.square(problem.repeatability)
     weight = _STATED + len(problem.pairs)
     found = [float(np.sqrt((_STATED * k**2 + s) / weight)) for k, s in zip(known, squares, strict=True)]
     return found[0], found[1]
@@ -347,7 +347,7 @@ def _report(progress: Progress | None, leg: int) -> None:
 def _tell(problem: JointProblem, solution: Solution) -> JointFit:
     x, coordinates, shared = solution.values, problem.coordinates, problem.shared
     covariance = whole_covariance(problem, solution)
-    own = covariance[:shared, :shared]
+    own, told = covariance[:shared, :shared], problem.of_settings.stop
     segments = _segments(problem, x)
     scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])
     deviations = _deviations(problem, x, covariance)
@@ -364,7 +364,7 @@ def _tell(problem: JointProblem, solution: Solution) -> JointFit:
         problem.repeatability,
         deviations,
         (*coordinates.names, *names),
-        Covariance(covariance * np.outer(scales, scales), freedom),
+        Covariance(covariance[:told, :told] * np.outer(scales, scales), freedom),
         segments,
         _rmse(segments),
         solution.converged,
@@ -430,7 +430,7 @@ def _message(problem: JointProblem, solution: Solution) -> str:
         if min(value - one, other - value) < _NEAR:
             told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
     widened = _over(problem.repeatability, stated_repeatability(problem.coordinates.rig))
-    off = solution.values[problem.shared :] * np.tile(widened, len(problem.pairs))
+    off = solution.values[problem.of_settings] * np.tile(widened, len(problem.pairs))
     largest = float(np.abs(off).max(initial=0.0))
     if largest > 4:
         told.append(

@@ -39,14 +39,15 @@ _FEWEST_STEPS = 2
 _LARGEST_PHASE = 1.8  # of the axial motion in a step of RK4 [rad]; it is unstable beyond 2.8
 _FASTEST_TORSION = 30.0  # that guides are stepped for [rad/s]
 _ROOM = 2048  # samples: few different ones, so that few are traced and compiled for
+_OWN = 4  # deviations of a swing
 _DIRECTIONS = 9  # fewer are filled up with zeros, for the same reason
 
 
 class Seen(NamedTuple):
     """What the sensors of one swing would say, and how that changes.
 
-    values: shape (n, channel). slopes: shape (k, n, channel), over the directions that were asked for, the last two
-    being the deviation of the pretension [m] and the relative one of the guide friction; None if not asked for.
+    values: shape (n, channel). slopes: shape (k, n, channel), over the directions that were asked for, the last four
+    being the deviations of `simulate_swings`; None if not asked for.
     """
 
     values: Array
@@ -54,12 +55,11 @@ class Seen(NamedTuple):
 
 
 class _Lane(NamedTuple):
-    """One swing for the compiled code: pretension [m], mode, deviations, time step [s], lever acceleration."""
+    """One swing for the compiled code: pretension [m], mode, its deviations, time step [s], lever acceleration."""
 
     pretension: jax.Array
     mode: jax.Array
-    moved: jax.Array
-    rougher: jax.Array
+    deviations: jax.Array
     step_s: jax.Array
     acceleration: jax.Array
 
@@ -99,11 +99,12 @@ def _observe(state: State, p: Parameters, numbers: Numbers) -> jax.Array:
 
 
 def _set(lane: _Lane, numbers: Numbers) -> tuple[Parameters, State]:
-    p = numbers.p._replace(guides=numbers.p.guides.scaled(1 + lane.rougher))
+    moved, rougher, torsion, rate = lane.deviations
+    p = numbers.p._replace(guides=numbers.p.guides.scaled(1 + rougher))
     reserve = jnp.asarray(LIMIT_RESERVE_N)
-    held, shortening = set_pretension(p, lane.pretension + lane.moved, numbers.contact, lane.mode, reserve)
-    begin: State = jax.tree.map(lambda y: y + 0.0 * lane.moved, state_at_rest(shortening, held))
-    return held, begin
+    held, shortening = set_pretension(p, lane.pretension + moved, numbers.contact, lane.mode, reserve)
+    rest: State = jax.tree.map(lambda y: y + 0.0 * moved, state_at_rest(shortening, held))
+    return held, rest._replace(torsion=rest.torsion + torsion, torsion_rate=rest.torsion_rate + rate)
 
 
 def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Array, room: int) -> jax.Array:
@@ -122,7 +123,7 @@ def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Arr
         kept = jax.lax.dynamic_update_index_in_dim(kept, seen, n, axis=0)
         return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), kept
 
-    kept = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.moved[:, None]
+    kept = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.deviations[:, :1]
     return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, kept))[1])
 
 
@@ -137,19 +138,18 @@ def _values_and_slopes(
 ) -> tuple[jax.Array, jax.Array]:
     """Return values (room, lane, channel) and slopes (k, room, lane, channel); directions: leaves with an axis k."""
 
-    def seen(each: Numbers, moved: jax.Array, rougher: jax.Array) -> jax.Array:
-        return _simulate(lanes._replace(moved=moved, rougher=rougher), each, samples, steps, room)
+    def seen(each: Numbers, deviations: jax.Array) -> jax.Array:
+        return _simulate(lanes._replace(deviations=deviations), each, samples, steps, room)
 
-    count = directions.contact.shape[0]
-    where = (numbers, lanes.moved, lanes.rougher)
-    deviating = jnp.eye(2, count + 2, count)[:, :, None] * jnp.ones(lanes.moved.shape)
-    padded = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.zeros((2, *leaf.shape[1:]))]), directions)
+    count, own = directions.contact.shape[0], lanes.deviations.shape[1]
+    deviating = jnp.eye(count + own, own, -count)[:, None, :] * jnp.ones(lanes.deviations.shape)
+    padded = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.zeros((own, *leaf.shape[1:]))]), directions)
 
-    def along(direction: Numbers, moved: jax.Array, rougher: jax.Array) -> tuple[jax.Array, jax.Array]:
-        values, slopes = jax.jvp(seen, where, (direction, moved, rougher))
+    def along(direction: Numbers, deviations: jax.Array) -> tuple[jax.Array, jax.Array]:
+        values, slopes = jax.jvp(seen, (numbers, lanes.deviations), (direction, deviations))
         return jnp.asarray(values), jnp.asarray(slopes)
 
-    found: tuple[jax.Array, jax.Array] = jax.vmap(along, out_axes=(None, 0))(padded, deviating[0], deviating[1])
+    found: tuple[jax.Array, jax.Array] = jax.vmap(along, out_axes=(None, 0))(padded, deviating)
     return found
 
 
@@ -165,9 +165,10 @@ def simulate_swings(
     steps: int,
     directions: Numbers | None = None,
 ) -> list[Seen]:
-    """Return what the sensors would say of every swing, from rest, at its samples.
+    """Return what the sensors would say of every swing, at its samples.
 
-    deviations: of pretension [m] and guide friction [1], shape (swing, 2). steps: between samples.
+    deviations: of pretension [m] and guide friction [1], and torsion [rad] and its rate [rad/s] at the first sample,
+    zero for a joint at rest, shape (swing, 4). steps: between samples.
     directions: along which slopes are wanted, a stack of numbers (k,) on each leaf; the deviations are added to them.
 
     Swings are sorted by length and cut into batches of `_LANES`, so that one compilation does for all.
@@ -193,7 +194,7 @@ def simulate_swings(
             size = swings[i].size
             own = None
             if slopes is not None:
-                own = np.concatenate([slopes[:wanted, :size, column], slopes[-2:, :size, column]])
+                own = np.concatenate([slopes[:wanted, :size, column], slopes[-_OWN:, :size, column]])
             found[int(i)] = Seen(values[:size, column].copy(), own)
 
     for _ in _pool().map(run, [order[i : i + _LANES] for i in range(0, order.size, _LANES)]):
@@ -213,8 +214,7 @@ def _lanes(swings: Sequence[Swing], deviations: Array, steps: int, room: int) ->
     return _Lane(
         np.array([swing.pretension_mm * 1e-3 for swing in swings]),  # type: ignore[arg-type]
         np.array([swing.mode for swing in swings]),  # type: ignore[arg-type]
-        deviations[:, 0],  # type: ignore[arg-type]
-        deviations[:, 1],  # type: ignore[arg-type]
+        deviations,  # type: ignore[arg-type]
         np.array([swing.sample_s / steps for swing in swings]),  # type: ignore[arg-type]
         acceleration,  # type: ignore[arg-type]
     )
@@ -223,8 +223,9 @@ def _lanes(swings: Sequence[Swing], deviations: Array, steps: int, room: int) ->
 # The joint fit as a least-squares problem: rows of the gyroscope, of the currents, and of what is known.
 #
 # The coordinates are the shared parameters (`sinew.identify.joint.coordinates`), then for every repetition at a
-# pretension its two deviations, in units of the rig's stated repeatability. Their rows, and those of the rig's bounds,
-# are priors.
+# pretension its two deviations, in units of the rig's stated repeatability, then for every swing that need not begin at
+# rest its torsion and rate at the first sample, in units of what the swing itself has. Their rows, and those of the
+# rig's bounds, are priors.
 
 Pair = tuple[int, float, int]
 
@@ -280,16 +281,27 @@ class JointProblem:
     @property
     def size(self) -> int:
         """Return the number of coordinates."""
-        return self.shared + 2 * len(self.pairs)
+        return self.of_settings.stop + 2 * sum(not swing.rests for swing in self.swings)
 
-    def column(self, swing: Swing) -> int:
-        """Return the coordinate of the deviation of the pretension that a swing shares; the friction's is the next."""
-        return self.shared + 2 * self.pairs.index(swing.pair)
+    @property
+    def of_settings(self) -> slice:
+        """Return the coordinates of the deviations of pretension and guide friction."""
+        return slice(self.shared, self.shared + 2 * len(self.pairs))
+
+    def columns(self, number: int) -> NDArray[np.intp]:
+        """Return the coordinates of a swing's deviations: those that its setting has, and those of its beginning."""
+        swing = self.swings[number]
+        setting = self.shared + 2 * self.pairs.index(swing.pair)
+        begin = self.of_settings.stop + 2 * sum(not before.rests for before in self.swings[:number])
+        return np.array([setting, setting + 1, *(() if swing.rests else (begin, begin + 1))], dtype=np.intp)
 
     def deviations(self, x: Array) -> Array:
-        """Return the deviations of pretension [m] and guide friction [1] of every swing, shape (swing, 2)."""
-        rows = [x[column : column + 2] for column in map(self.column, self.swings)]
-        return np.array(rows) * self.repeatability
+        """Return the deviations of every swing as `simulate_swings` takes them, shape (swing, 4)."""
+        rows = np.zeros((len(self.swings), _OWN))
+        for number, swing in enumerate(self.swings):
+            own = x[self.columns(number)]
+            rows[number, : own.size] = own * self._units(swing)[: own.size]
+        return rows
 
     def simulated(self, x: Array, *, slopes: bool = False) -> list[Seen]:
         """Return what every swing would look like."""
@@ -317,7 +329,7 @@ class JointProblem:
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of the coordinates."""
-        far = np.full(2 * len(self.pairs), 20.0)
+        far = np.full(self.size - self.shared, 20.0)
         return np.concatenate([self.coordinates.low, -far]), np.concatenate([self.coordinates.high, far])
 
     def read_again(self, rng: np.random.Generator) -> "JointProblem":
@@ -353,26 +365,27 @@ class JointProblem:
 
     def _jacobian(self, x: Array) -> Array:
         rows, currents = [], []
-        for i, seen in enumerate(self.simulated(x, slopes=True)):
+        for i, (swing, seen) in enumerate(zip(self.swings, self.simulated(x, slopes=True), strict=True)):
             assert seen.slopes is not None
-            own = self._own_columns(self.swings[i])
-            rate = self.sieves[i].averaged(seen.slopes[:, :, 0].T)
-            white = self.whitenings[i].applied(self.sieves[i].passed(rate)) * self._scales()
-            rows.append(_spread(white, own, self.size))
-            current = seen.slopes[:, self.swings[i].recorded :, 1].mean(axis=1) * self._scales()
+            own = np.concatenate([np.arange(self.shared), self.columns(i)])
+            slopes = (
+                seen.slopes[: own.size]
+                * np.concatenate([np.ones(self.shared), self._units(swing)])[: own.size, None, None]
+            )
+            rate = self.sieves[i].averaged(slopes[:, :, 0].T)
+            rows.append(_spread(self.whitenings[i].applied(self.sieves[i].passed(rate)), own, self.size))
+            current = slopes[:, swing.recorded :, 1].mean(axis=1)
             currents.append(_spread(current[None] / self.current_std[i], own, self.size))
         _, slope = self.coordinates.prior(x[: self.shared])
         known = np.isfinite(self.current_std)
         free = np.eye(self.size)[self.shared :]
-        stated = np.hstack([np.diag(slope), np.zeros((self.shared, 2 * len(self.pairs)))])
+        stated = np.hstack([np.diag(slope), np.zeros((self.shared, self.size - self.shared))])
         return np.concatenate([*rows, np.concatenate(currents)[known], free, stated])
 
-    def _own_columns(self, swing: Swing) -> NDArray[np.intp]:
-        first = self.column(swing)
-        return np.array([*range(self.shared), first, first + 1], dtype=np.intp)
-
-    def _scales(self) -> Array:
-        return np.array([*[1.0] * self.shared, *self.repeatability])
+    def _units(self, swing: Swing) -> Array:
+        """Return what the coordinates of a swing's deviations count in: for its beginning, what it reaches."""
+        rate = float(np.sqrt(np.mean(swing.gyro**2)))
+        return np.array([*self.repeatability, rate / (2 * np.pi * swing.frequency_hz), rate])
 
 
 _APART = 0.02  # of the lever's angle: several LSB at most of what a swing passes through

@@ -1,4 +1,4 @@
-"""Swings in a rig's recordings: from rest, how the lever moved and what the sensors said."""
+"""Swings in a rig's recordings: how the lever moved and what the sensors said."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ _LARGEST_GAP = 0.05  # share of samples that may be missing
 
 @dataclass(frozen=True)
 class Swing:
-    """One motion from rest: a settle, if there was one, and the segment after it.
+    """One motion: a settle, if there was one, and the segment after it.
 
     recording, segment: indices; kind, pretension_mm, frequency_hz, repeat: of the segment.
     mode: of the tendon motors, as the twin numbers them. sample_s: time between samples [s].
     lever: angle of the lever against the head [rad] at sample n, n from 0, as a cubic spline over n·sample_s, the
         drive's delay taken out.
     gyro: rate about the joint's axis as read [rad/s], shape (n,); present: which samples were really there, shape (n,).
-    recorded: number of samples before the segment. current_a: mean current of the tendon motors over the segment [A],
+    recorded: number of samples before the segment. rests: whether the joint is known to begin at rest. current_a: mean current of the tendon motors over the segment [A],
         NaN where it was not recorded; current_swing_a: half of its range [A].
     """
 
@@ -47,6 +47,7 @@ class Swing:
     gyro: Array
     present: Mask
     recorded: int
+    rests: bool
     current_a: float
     current_swing_a: float
 
@@ -100,9 +101,8 @@ def _swings(index: int, recording: xr.Dataset, rig: RigSpec) -> list[Swing]:
     moving = [(row[0], row[1], _with_settle(rows, k)) for k, row in enumerate(rows) if _is_wanted(row)]
     if not moving:
         return []
-    sample_s = float(np.median([step_between(stamps[where]) for _, _, where in moving]))
-    late = rig.bus.drive_delay.value
-    return [_swing(recording, index, number, segment, rows[number][2].start, where, mode, sample_s, late)
+    sample_s = float(np.median([line_through(stamps[where])[0] for _, _, where in moving]))
+    return [_swing(recording, index, number, segment, rows[number][2].start, where, mode, sample_s, rig)
             for number, segment, where in moving]  # fmt: skip
 
 
@@ -124,18 +124,34 @@ def _with_settle(rows: Sequence[tuple[int, Segment, slice]], k: int) -> slice:
     return slice(settle.start, where.stop) if before.kind == "settle" and alike else where
 
 
-def step_between(stamps: Array) -> float:
-    """Return the time between samples by the line through the stamps, gaps left out.
+def line_through(stamps: Array) -> tuple[float, Array]:
+    """Return the time between samples by the line through the stamps, gaps left out, and each stamp's place on it.
 
-    Samples are counted from one to the next: the median difference of jittering stamps is off by a thousandth, which
-    over a thousand samples is one too many.
+    The place is counted in samples from the first one on the line. Samples are counted from one to the next: the median
+    difference of jittering stamps is off by a thousandth, which over a thousand samples is one too many.
     """
     steps = np.diff(stamps)
     index = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
     for _ in range(2):
         slope, begin = np.polyfit(index, stamps, 1)
-        index = np.round((stamps - begin) / slope)
-    return float(slope)
+        place = (stamps - begin) / slope
+        index = np.round(place)
+    return float(slope), place - index[0]
+
+
+def places_of(stamps: Array, sample_s: float, jitter_s: float) -> Array:
+    """Return when each sample was taken, in samples from the first [1], increasing, shape (n,).
+
+    jitter_s: standard deviation of the stamps of samples that are taken at an even rate. A stamp that is no further
+    from its place on the line through all of them than the largest of so many errors, sqrt(2 ln n) standard deviations
+    (Donoho & Johnstone 1994), is taken for jitter, and its sample to be on the line. Another one, as of a cycle of the
+    bench that began late, and each of two in one place say when the sample was taken.
+    """
+    _, place = line_through(stamps)
+    nearest = np.round(place)
+    alone = np.diff(nearest, prepend=-np.inf, append=np.inf)
+    on_line = np.abs(place - nearest) * sample_s <= np.sqrt(2 * np.log(stamps.size)) * jitter_s
+    return np.where(on_line & (alone[:-1] > 0) & (alone[1:] > 0), nearest, place)
 
 
 def _swing(
@@ -147,31 +163,34 @@ def _swing(
     where: slice,
     mode: float,
     sample_s: float,
-    late: float,
+    rig: RigSpec,
 ) -> Swing:
     stamps = np.asarray(recording["time_s"].values[where], dtype=float)
-    place = np.round((stamps - stamps[0]) / sample_s).astype(int)
-    size = int(place[-1]) + 1
-    if size > (1 + _LARGEST_GAP) * place.size or np.unique(place).size != place.size:
+    place = places_of(stamps, sample_s, rig.bus.stamp_jitter.value)
+    grid = np.arange(round(place[-1]) + 1)
+    # A place between samples that are as far apart as if one were missing between them is not known.
+    after = np.clip(np.searchsorted(place, grid), 1, place.size - 1)
+    present = (np.round(place[after] - place[after - 1]) < 2) | (grid == place[after]) | (grid == place[after - 1])
+    if np.mean(present) < 1 / (1 + _LARGEST_GAP):
         raise RecordingError(
-            f"segment {number} at {segment.pretension_mm:g} mm has {place.size} samples in the time of {size}; the "
-            "tendon joint needs an even record, so leave that segment out or record it again"
+            f"segment {number} at {segment.pretension_mm:g} mm lacks {np.sum(~present)} of {grid.size} samples, expected at most {_LARGEST_GAP:.0%}; the "
+            "tendon joint needs a record without long gaps, so leave that segment out or record it again"
         )
-    present = np.zeros(size, dtype=bool)
-    present[place] = True
-    grid = np.arange(size)
-    gyro = np.interp(grid, place, np.asarray(recording["gyro_rad_s"].values[where, 0], dtype=float))
+    read = np.asarray(recording["gyro_rad_s"].values[where, 0], dtype=float)
+    gyro = np.where(present, CubicSpline(place, read)(grid), np.interp(grid, place, read))
     # The reading at stamp t is the lever's angle at t - late.
-    time = place * sample_s - late
+    time = place * sample_s - rig.bus.drive_delay.value
     lever = CubicSpline(time, np.asarray(recording["drive_rad"].values[where], dtype=float), bc_type="natural")
     current, swing = np.nan, np.nan
     if "tendon_current_a" in recording:
         whole = np.asarray(recording["tendon_current_a"].values[begin : where.stop], dtype=float).mean(axis=1)
         current, swing = float(whole.mean()), 0.5 * float(np.ptp(whole))
-    recorded = int(place[begin - where.start])
+    recorded = int(np.ceil(place[begin - where.start]))
+    # The twin begins every group at rest. On a bench one goes over into the next, or begins after a wait that ends.
+    rests = recording.attrs.get("source") == "twin"
     return Swing(
         index, number, segment.kind, segment.pretension_mm, segment.frequency_hz, segment.repeat, mode, sample_s,
-        lever, gyro, present, recorded, current, swing,
+        lever, gyro, present, recorded, rests, current, swing,
     )  # fmt: skip
 
 
