@@ -171,7 +171,8 @@ def measured_tables(results: "xr.Dataset") -> list[Table]:
 
 def _mean(one: Mapping[str, Any], factor: float) -> str:
     """Return a mean as "value ± std", the standard deviation that of the mean, in a unit that is 1/factor as large."""
-    return typeset(estimate.pair(*(None if one[key] is None else factor * one[key] for key in ("value", "std"))))
+    value, std = (None if one[key] is None else factor * one[key] for key in ("value", "std"))
+    return typeset(estimate.pair(value, std))
 
 
 def window_table(results: "xr.Dataset") -> Table | None:

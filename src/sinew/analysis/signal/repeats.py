@@ -79,20 +79,20 @@ def _means(results: xr.Dataset, name: str) -> list[Estimate]:
         ]
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
     columns = np.stack([results.variables[one].values for one in (name, *companions(name))]).T.tolist()
-    return [_of_mean(*row, int(count)) for row, count in zip(columns, repeats, strict=True)]
+    return [_of_mean(Estimate(*row), int(count)) for row, count in zip(columns, repeats, strict=True)]
 
 
-def _of_mean(value: float, std: float, low: float, high: float, repeats: int) -> Estimate:
+def _of_mean(one: Estimate, repeats: int) -> Estimate:
     """Return an estimate whose std is that of the value, from the standard deviation over repeats that results keep.
 
     What the interval holds beyond Student's of the scatter (the delay budget) is shared by all repeats, and is added.
     """
-    if repeats < 2 or not math.isfinite(high - low):
-        return Estimate(value, std, low, high)
-    own = std / math.sqrt(repeats)
+    if repeats < 2 or not math.isfinite(one.high - one.low):
+        return one
+    own = one.std / math.sqrt(repeats)
     scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
-    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / NORMAL_90
-    return Estimate(value, math.hypot(own, shared), low, high)
+    shared = math.sqrt(max(0.0, (0.5 * (one.high - one.low)) ** 2 - scatter**2)) / NORMAL_90
+    return Estimate(one.value, math.hypot(own, shared), one.low, one.high)
 
 
 @dataclass(frozen=True)
