@@ -29,7 +29,7 @@ for module, names in {
     os: "fork forkpty geteuid getuid getegid getgid O_DIRECTORY O_NOFOLLOW O_NONBLOCK sysconf openpty nice killpg "
         "setsid statvfs mkfifo fchmod fchown WNOHANG sched_setscheduler sched_getaffinity pread getpgid "
         "register_at_fork posix_spawn",
-    signal: "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGQUIT SIGPIPE setitimer alarm pthread_sigmask sigwait",
+    signal: "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGQUIT SIGPIPE setitimer alarm sigwait",
     socket: "AF_UNIX",
     select: "poll epoll",
 }.items():
