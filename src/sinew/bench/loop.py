@@ -231,6 +231,7 @@ class Loop:
             tendon_pwm=tuple(motor.duty if motor is not None else MISSING for motor in reading.tendons),
             supply_v=sum(self._volts.values()) / len(self._volts) if self._volts else MISSING,
             sensors=reading.sensors,
+            drive_goal_rad=lever.goal if lever is not None else MISSING,
         )
 
     def _unmixed(self, reading: Reading) -> ImuReading | None:

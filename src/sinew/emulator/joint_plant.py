@@ -175,9 +175,9 @@ class JointPlant:
 
     All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
     at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`, and in a shorter one to
-    where a law changes or the drive is read: a law acts from when it is set, and the drive's current and duty are those
-    of the moment. Else `motion` tells how it has gone on since the last tick: angles at their speed, rates at their
-    acceleration, tensions and the tendons' currents as they were.
+    where a law changes, which acts from then on. The drive is told as it is at the moment. Of the rest `motion` tells
+    how it has gone on since the last tick: angles at their speed, rates at their acceleration, tensions and the
+    tendons' currents as they were.
 
     Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
     let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
@@ -290,11 +290,10 @@ class JointPlant:
             self._ticks += ticks
 
     def motion(self) -> Motion:
-        drive = self.horn(self.count)
         head = self._body.head(self._seen, self._late())
         return Motion(
             time=self._until,
-            drive=drive,
+            drive=self.horn(self.count),
             tendons=tuple(self.horn(i) for i in range(self.count)),
             tension=self.tension,
             torsion=head.torsion,
@@ -305,12 +304,7 @@ class JointPlant:
         )
 
     def horn(self, motor: int) -> HornMotion:
-        if motor < self.count:
-            return self._tendon_motion(motor, self._late())
-        self._reach_present()
-        if self._is_changed:
-            self._go(0)
-        return self._drive_motion()
+        return self._tendon_motion(motor, self._late()) if motor < self.count else self._drive_motion()
 
     @property
     def pretension(self) -> float:
@@ -355,14 +349,15 @@ class JointPlant:
             self._ticks, self._counted_from = 0, self._until
 
     def _go(self, ticks: int, tick_s: float = TICK_S) -> None:
-        self._is_changed = False
-        self._drive[self._where.steps], self._drive[self._where.step_s] = (
-            ticks * self._body.steps,
-            tick_s / self._body.steps,
-        )
-        out = self._body.move_on(self._now, self._tendons, self._drive)
+        out = self._after(ticks, tick_s)
         self._now = out[: self._now.size].copy()
         self._seen = out.tolist()
+
+    def _after(self, ticks: int, tick_s: float) -> Array:
+        """Return the numbers after some ticks of a length [s] under the present laws."""
+        where, steps = self._where, self._body.steps
+        self._drive[where.steps], self._drive[where.step_s] = ticks * steps, tick_s / steps
+        return self._body.move_on(self._now, self._tendons, self._drive)
 
     def _anchor(self, tendon: int) -> None:
         """Let a motor's position loop start from where its horn is, under the tension there is."""
@@ -413,7 +408,6 @@ class JointPlant:
             self._tendons[getattr(self._where.tendons, name)[tendon]] = value
 
     def _order_drive(self) -> None:
-        self._is_changed = True
         law, p = self._laws[self.count], self._p
         share = self._supply / self.spec.drive.supply_voltage.value
         constant = float(p.torque_constant)
@@ -441,7 +435,8 @@ class JointPlant:
             self._drive[getattr(self._where.drive, name)] = value
 
     def _drive_motion(self) -> HornMotion:
-        seen, p = self._seen, self._p
+        late, p = self._late(), self._p
+        seen = (self._after(1, late) if late > _INSTANT_S else self._after(0, TICK_S)).tolist()
         torque, speed = seen[self._where.seen.torque], seen[self._body.lever_rate]
         duty = 0.0
         if self._laws[self.count].kind != "off":
