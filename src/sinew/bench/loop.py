@@ -36,8 +36,8 @@ def at_zero(_: float) -> float:
 class LoopStatistics:
     """cycles: run. missed: deadlines that passed before a cycle could begin. incomplete: cycles with a missing answer.
     stale, impossible: answers left out because they were of an earlier time, or could not be true.
-    worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took, without its wait
-    for the middle."""
+    worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took, without its
+    wait for the middle."""
 
     cycles: int = 0
     missed: int = 0

@@ -210,7 +210,7 @@ class Contact:
 
 
 _MEAN_WEIGHT = 0.01  # of the mean current's rounding, in squares, against that of the tilt
-_SUM_WEIGHT = 4.0  # of the take-up's: tilt is levelled again, the pretension is not, and it is in every number
+_SUM_WEIGHT = 100.0  # of the take-up's: tilt is levelled again, the pretension is not, and it is in every number
 
 
 class MotorMap:

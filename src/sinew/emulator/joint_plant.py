@@ -442,9 +442,7 @@ class JointPlant:
         if self._laws[self.count].kind != "off":
             full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
             duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
-        return HornMotion(
-            seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty))
-        )
+        return HornMotion(seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
     def _tendon_motion(self, tendon: int, late: float) -> HornMotion:
         seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]
