@@ -156,10 +156,8 @@ def text(runs: Sequence[Numbers], twins: Sequence[Numbers]) -> str:
         x = np.array([one[name][0] for one in runs])
         half = np.array([one[name][1] for one in runs])
         if np.isnan(half).all():
-            twin = np.mean([one[name][0] for one in twins], axis=0)
-            spreads.append(
-                f"{name}: mean {_list(x.mean(axis=0))}, std over runs {_list(x.std(axis=0, ddof=1))}, twin {_list(twin)}"
-            )
+            told = (x.mean(axis=0), x.std(axis=0, ddof=1), np.mean([one[name][0] for one in twins], axis=0))
+            spreads.append("{}: mean {}, standard deviation over runs {}, twin {}".format(name, *map(_list, told)))
             continue
         ours = [hit for one in others for hit in within(first, one, name)]
         theirs = [hit for one in twins for hit in within(first, one, name)]
@@ -167,14 +165,8 @@ def text(runs: Sequence[Numbers], twins: Sequence[Numbers]) -> str:
         wide = x.std(axis=0, ddof=1) / (np.median(half, axis=0) / NORMAL_90)
         shares = (f"{100 * np.mean(ours):.0f} %", f"{100 * np.mean(theirs):.0f} %")
         rows.append((name, *shares, f"{np.median(wide):.2f} ({wide.min():.2f} to {wide.max():.2f})"))
-    rows.append(
-        (
-            "all",
-            f"{100 * counts[0] / counts[1]:.1f} % of {counts[1]}",
-            f"{100 * counts[2] / counts[3]:.1f} % of {counts[3]}",
-            "",
-        )
-    )
+    of_all = [f"{100 * counts[i] / counts[i + 1]:.1f} % of {counts[i + 1]}" for i in (0, 2)]
+    rows.append(("all", *of_all, ""))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return "\n".join([*lines, *spreads])

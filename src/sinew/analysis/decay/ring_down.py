@@ -979,7 +979,7 @@ _WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
 }
 
 
-_AT_HAND = 0.25
+_AT_HAND = 0.2
 """Of a sample interval by which a decay may begin before its rule says. A period of 4 Hz is 50 samples of 200 Hz to the
 microsecond: without this some microseconds of jitter in the stamps decide whether the decay begins one sample later,
 and its mean rate with it, by 0.4 % where it falls as the paper's does."""
