@@ -17,7 +17,6 @@ from sinew.plan.rig import Limits
 WATCHDOG_S = 0.08
 """After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
 
-_GOAL_BYTES = 60  # of the packet with all goals
 _STANDS_STILL_S = 0.012  # two samples of the IMU are due in that time
 _MISSED_WINDOW = 200
 _MISSED_MOST = 0.25
@@ -82,7 +81,6 @@ class Loop:
         self._is_mixed = False
         self.late_s, self.paused = 0.0, False
         self._volts: dict[str, float] = {}
-        self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
         self._told: tuple[float, ...] | None = None
         self._due = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
@@ -154,10 +152,11 @@ class Loop:
     def _write_goals(self, drive: Drive, pull: Pull | None) -> None:
         """Send the motors what they are to keep for a cycle from now on."""
         began = self._clock.now()
+        middle = began + self._rig.goals_s + 0.5 * self.period  # of the time for which they keep it
         goals = self.watch.goals
         if pull is not None:
-            goals = tuple([goal + more for goal, more in zip(goals, pull(began + self._lead), strict=True)])
-        self._rig.write_goals(drive(began + self._lead), goals)
+            goals = tuple([goal + more for goal, more in zip(goals, pull(middle), strict=True)])
+        self._rig.write_goals(drive(middle), goals)
         self._told = goals
         self.statistics.busy_s += self._clock.now() - began
 

@@ -237,11 +237,6 @@ class Rig:
 
     def bytes_with(self, kind: ReadKind, mode: TendonMode | None = None) -> int:
         """Return `cycle_bytes` with reads of a kind, in a mode of the tendon motors; None: in the one that is set."""
-        mode = mode or self._mode
-        if mode == "current":
-            goals = 9 + 7 * len(self.tendons)
-        else:
-            goals = 4 + 5 * len(self.motors) if mode else 9 * len(self.motors)
         asked = self._turns[0]
         if kind == "fast":
             answers = _FAST_HEAD + sum(read.length + _FAST_EACH for read in asked)
@@ -250,7 +245,17 @@ class Rig:
         alone = [] if self.imu.is_grouped else [self.imu.ask.length]
         lengths = (*alone, *(sensor.row.size for sensor in self.sensors))
         single = sum(wire_bytes(4) + wire_bytes(length, status=True) for length in lengths)
-        return wire_bytes(goals) + wire_bytes(5 * len(asked)) + answers + single
+        return self._goal_bytes(mode or self._mode) + wire_bytes(5 * len(asked)) + answers + single
+
+    def _goal_bytes(self, mode: TendonMode | None) -> int:
+        if mode == "current":
+            return wire_bytes(9 + 7 * len(self.tendons))
+        return wire_bytes(4 + 5 * len(self.motors) if mode else 9 * len(self.motors))
+
+    @property
+    def goals_s(self) -> float:
+        """Return how long the packet with all goals is on the wire [s], without stuffing."""
+        return self._goal_bytes(self._mode) * 10 / self.spec.wiring.baud
 
     def wire_s(self, kind: ReadKind | None = None) -> float:
         """Return how long the bytes of a cycle are on the wire [s]. kind: of reads; None: those in use."""

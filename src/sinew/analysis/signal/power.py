@@ -72,45 +72,6 @@ def supply_uncertainty(supply_v: NDArray[Any] | None, rig: "RigSpec") -> float:
     return float(np.ptp(voltage.interval90)) / (2 * NORMAL_90) / voltage.value
 
 
-def _taken(signals: Signals, names: tuple[str, ...], where: slice | NDArray[np.int64]) -> dict[str, Array]:
-    """Return those columns that were recorded, at some samples."""
-    columns = {name: signals.recorded[name] for name in names if name in signals.recorded}
-    if isinstance(where, slice):
-        return {name: values[where].astype(float) for name, values in columns.items()}
-    # rows of all tendons are taken ten times as fast as they are indexed
-    return {name: values.take(where, axis=0).astype(float) for name, values in columns.items()}
-
-
-def drive_effort(signals: Signals, where: slice | NDArray[np.int64] = slice(None)) -> dict[str, Array]:
-    """Return duty and current of the drive [A], by the names of their columns, as the command itself asks for them.
-
-    A servo gets its goals in steps and answers each with a step of its duty, gain x (goal - angle). What is read
-    belongs to the goal that its register held then, `drive_goal_rad`, and is brought from there to the command at the
-    time of that reading: the current by the change of duty over the winding's resistance. Where no goal was recorded
-    the readings stay as they are. where: see `read_power`.
-    """
-    rig, effort = signals.rig, _taken(signals, ("drive_pwm", "drive_current_a"), where)
-    known = _taken(signals, ("drive_goal_rad", "drive_command_rad", "drive_rad", "supply_v"), where)
-    if rig is None or "drive_goal_rad" not in known or "drive_pwm" not in effort:
-        return effort
-    drive, command, time = rig.drive, known["drive_command_rad"], signals.time_s[where]
-    if time.shape[-1] > 1:
-        step = np.gradient(time, axis=-1)
-        rate = np.divide(np.gradient(command, axis=-1), step, out=np.zeros_like(command), where=step > 0)
-        command = command - rig.bus.drive_delay.value * rate
-    limit = drive.duty_limit.value
-
-    def duty(goal: Array) -> Array:
-        return np.clip(drive.position_gain.value * (goal - known["drive_rad"]), -limit, limit)
-
-    change = duty(command) - duty(known["drive_goal_rad"])
-    supply = known.get("supply_v", drive.supply_voltage.value)
-    effort["drive_pwm"] = effort["drive_pwm"] + change
-    if "drive_current_a" in effort:
-        effort["drive_current_a"] = effort["drive_current_a"] + change * supply / drive.resistance
-    return effort
-
-
 @dataclass(frozen=True)
 class Power:
     """Electrical power at every sample [W], (n,): the drive's, what of it warms the copper, and that of all tendon
@@ -131,8 +92,12 @@ def read_power(signals: Signals, where: slice | NDArray[np.int64] = slice(None))
 
     where: samples, or their numbers in an array of any shape, which is that of the powers then.
     """
-    rig, recorded = signals.rig, drive_effort(signals, where)
-    recorded |= _taken(signals, ("supply_v", "tendon_pwm", "tendon_current_a"), where)
+    rig, names = signals.rig, ("drive_pwm", "drive_current_a", "supply_v", "tendon_pwm", "tendon_current_a")
+    columns = {name: signals.recorded[name] for name in names if name in signals.recorded}
+    if isinstance(where, slice):
+        recorded = {name: values[where].astype(float) for name, values in columns.items()}
+    else:  # rows of all tendons are taken ten times as fast as they are indexed
+        recorded = {name: values.take(where, axis=0).astype(float) for name, values in columns.items()}
     if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
     supply = recorded.get("supply_v", rig.drive.supply_voltage.value)

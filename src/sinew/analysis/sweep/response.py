@@ -20,7 +20,7 @@ from sinew.analysis.signal.harmonics import (
     multiples,
     relative_noise,
 )
-from sinew.analysis.signal.power import drive_effort, power_columns
+from sinew.analysis.signal.power import power_columns
 from sinew.analysis.signal.signals import (
     Signals,
     by_length,
@@ -279,12 +279,11 @@ def _figure_phase(batch: _Batch, torsion: Array) -> Array:
 def _motor_columns(signals: Signals, batch: _Batch, limit: float) -> dict[str, NDArray[Any]]:
     """Return the share of samples at the duty limit and the root mean square of the drive current, where recorded."""
     out: dict[str, NDArray[Any]] = {}
-    effort = drive_effort(signals, batch.samples)
-    if "drive_pwm" in effort:
-        saturated = np.abs(effort["drive_pwm"]) >= limit
+    if "drive_pwm" in signals.recorded:
+        saturated = np.abs(signals.recorded["drive_pwm"][batch.samples]) >= limit
         out["saturated_share"] = np.count_nonzero(saturated, axis=1) / batch.time.shape[1]
-    if "drive_current_a" in effort:
-        out["drive_current_rms_a"] = np.sqrt((effort["drive_current_a"] ** 2).mean(axis=1))
+    if "drive_current_a" in signals.recorded:
+        out["drive_current_rms_a"] = np.sqrt((signals.recorded["drive_current_a"][batch.samples] ** 2).mean(axis=1))
     return out
 
 

@@ -1,60 +1,21 @@
-"""Current and duty of a drive whose goals come in steps: the same wherever between two steps it is read."""
+"""The drive's current and duty on the emulated bench: the same at whatever moment a run begins."""
 
 import math
 
 import numpy as np
-import pytest
 from tests.unit.bench_virtual import virtual_bench
-from tests.unit.ideal_motor import VOLTS
 
-from sinew.analysis.signal.power import drive_effort
-from sinew.analysis.signal.signals import read_signals
 from sinew.bench.group import run_group
 from sinew.bench.guard import Guard
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
 from sinew.bench.tilt import TiltEstimator
-from sinew.measure.arrays import Array
-from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 
 HZ, PERIOD_S = 4.1, 5e-3
 GROUP = Group("steady", 0.0, HZ, 20.0, 0, 0.5, 1.0)
-
-
-@pytest.mark.parametrize("age", [0.0, 0.3, 0.7, 1.0])
-def test_the_effort_is_that_of_the_command_however_old_the_goal_is(age: float) -> None:
-    # A lever that follows with a known lag, and goals that were sent `age` of a cycle before each reading, each the
-    # command in the middle of its cycle: the law of the motor, u = g (goal - angle), i = (V u - k ω)/R, is exact.
-    rig = load_rig("paper")
-    drive, omega = rig.drive, math.tau * HZ
-    read_s = np.arange(400) * PERIOD_S
-
-    def command(time: Array) -> Array:
-        return 0.1 * np.sin(omega * time)
-
-    angle = 0.07 * np.sin(omega * read_s - 0.4)
-    speed = 0.07 * omega * np.cos(omega * read_s - 0.4)
-    goal = command(read_s + (0.5 - age) * PERIOD_S)
-
-    def law(to: Array) -> tuple[Array, Array]:
-        duty = drive.position_gain.value * (to - angle)
-        return duty, (VOLTS * duty - 2.0 * speed) / drive.resistance
-
-    stamps = read_s + rig.bus.drive_delay.value
-    duty, current = law(goal)
-    samples = {
-        "time_s": stamps, "drive_command_rad": command(stamps), "drive_goal_rad": goal, "drive_rad": angle,
-        "drive_pwm": duty, "drive_current_a": current, "supply_v": np.full(read_s.size, VOLTS),
-        "gyro_rad_s": np.zeros((read_s.size, 3)),
-    }  # fmt: skip
-    recording = build_recording(samples, [Segment("steady", 0.0, HZ, 20.0, 0)], [read_s.size], {})
-    found = drive_effort(read_signals(recording, rig))
-    expected = law(command(read_s))  # the ends have a neighbour on one side only
-    assert found["drive_pwm"][1:-1] == pytest.approx(expected[0][1:-1], abs=2e-4)
-    assert found["drive_current_a"][1:-1] == pytest.approx(expected[1][1:-1], abs=5e-4)
 
 
 class _Taken:
