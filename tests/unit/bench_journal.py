@@ -59,6 +59,7 @@ def cycle(time: float, frequency_hz: float, start: float, node: Node, random: np
         imu_counter_s=taken / (1 + node.drift) if node.has_counter else MISSING,
         tendon_pwm=(0.1, 0.2, 0.3, 0.4),
         supply_v=12.3,
+        drive_goal_rad=DRIVE_RAD * np.sin(omega * (time - start)),
     )
 
 

@@ -132,10 +132,10 @@ def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp
 def test_a_journal_of_the_first_version_gives_a_recording_without_them(tmp_path: Path) -> None:
     path = written(tmp_path)
     with closing(sqlite3.connect(path)) as connection:
-        for column in (*(f"tendon_{i}_pwm" for i in range(1, 5)), "supply_v"):
+        for column in (*(f"tendon_{i}_pwm" for i in range(1, 5)), "supply_v", "drive_goal_rad"):
             connection.execute(f"ALTER TABLE samples DROP COLUMN {column}")
         connection.execute("PRAGMA user_version = 1")
-    assert {"tendon_pwm", "supply_v"}.isdisjoint(recording_from_journal(path))
+    assert {"tendon_pwm", "supply_v", "drive_goal_rad"}.isdisjoint(recording_from_journal(path))
 
 
 def test_the_recording_follows_the_plan_whatever_the_order_of_measuring(tmp_path: Path) -> None:

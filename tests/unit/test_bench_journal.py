@@ -34,7 +34,7 @@ def create(folder: Path) -> Journal:
 def sample(time: float = 1.0) -> Sample:
     return Sample(
         time, 0.9, 0.1, 0.2, 0.3, 0.4, (1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12), (13, 14, 15), (16, 17, 18), 0.5,
-        0.6, 0.7, (19, 20, 21, 22), 12.3,
+        0.6, 0.7, (19, 20, 21, 22), 12.3, (), 23.0,
     )  # fmt: skip
 
 
@@ -252,7 +252,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     ("own", "statement", "said"),
     [
         (False, "CREATE TABLE runs (id)", "an SQLite file, but no journal of Sinew"),
-        (True, "PRAGMA user_version = 99", "a journal of version 99, expected 2; go on with the Sinew that began it"),
+        (True, "PRAGMA user_version = 99", "a journal of version 99, expected 3; go on with the Sinew that began it"),
     ],
     ids=["a foreign database", "a journal of another version"],
 )

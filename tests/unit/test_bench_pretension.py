@@ -6,6 +6,7 @@ from functools import cache
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from campaigns.modes import MODES, Row, run_trial
 
@@ -13,6 +14,7 @@ from sinew.bench.pretension import GOOD_ENOUGH_DEG, MOST_S, Contact, Held, Motor
 from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import LostError
 from sinew.plan.plan import TendonMode
+from sinew.plan.servo import PULSE
 from sinew.plan.toml import load_rig
 
 POSITION_MODES = tuple(mode for mode in MODES if mode != "current")
@@ -58,14 +60,22 @@ def test_a_tilted_plate_is_answered_by_shortening_the_cable_under_its_raised_sid
     level, leaning = motors.goals(4.0, (0.0, 0.0)), motors.goals(4.0, (0.01, 0.0))  # +0.01 rad about y raises +z
     rise = 0.01 * spec.tendons.head_radius.value / spec.tendons.pulley_radius.value
     moved = [b - a for a, b in zip(level, leaning, strict=True)]
-    assert moved == pytest.approx([0.0, rise, 0.0, -rise], abs=1e-12)
+    assert moved == pytest.approx([0.0, rise, 0.0, -rise], abs=2 * PULSE)  # either goal is in whole counts
 
 
 def test_a_millimetre_of_pretension_turns_the_horns_by_a_millimetre_of_cable() -> None:
     spec = load_rig("paper")
     motors = MotorMap(spec, "position", Contact((3.0, 3.1, 2.9, 3.05), 0.042), {})
     turned = [b - a for a, b in zip(motors.goals(4.0, (0, 0)), motors.goals(5.0, (0, 0)), strict=True)]
-    assert turned == pytest.approx([1e-3 / spec.tendons.pulley_radius.value] * 4)
+    assert turned == pytest.approx([1e-3 / spec.tendons.pulley_radius.value] * 4, abs=2 * PULSE)
+
+
+def test_a_correction_of_tilt_leaves_the_pretension_where_it_was() -> None:
+    # What one tendon takes up its opposite lets go. Rounded to counts one by one, all four may step the same way.
+    motors = MotorMap(load_rig("paper"), "position", Contact((3.0, 3.1, 2.9, 3.05), 0.042), {})
+    leans = np.random.default_rng(0).uniform(-0.02, 0.02, (300, 2))
+    counts = [sum(round(goal / PULSE) for goal in motors.goals(4.0, (y, z))) for y, z in leans]
+    assert max(counts) == min(counts)
 
 
 def test_goals_by_current_are_never_negative() -> None:
@@ -198,7 +208,7 @@ def test_a_pose_is_told_to_each_motor_by_itself() -> None:
     motors = MotorMap(spec, "position", Contact((3.0,) * 4, 0.042), held)
     first, *others = motors.goals(6.0, (0.0, 0.0))
     apart_mm = [1e3 * spec.tendons.pulley_radius.value * (goal - first) for goal in others]
-    assert apart_mm == pytest.approx([8.0, 0.0, -8.0])
+    assert apart_mm == pytest.approx([8.0, 0.0, -8.0], abs=2e3 * spec.tendons.pulley_radius.value * PULSE)
 
 
 def test_a_pose_held_by_currents_has_the_tension_of_each_tendon() -> None:

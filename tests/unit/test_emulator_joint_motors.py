@@ -308,3 +308,15 @@ def test_a_time_that_has_passed_changes_nothing() -> None:
 def test_every_tendon_needs_its_slack() -> None:
     with pytest.raises(SpecError, match="3 slacks"):
         JointPlant(RIG, slack_m=[0.0] * 3)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, 0.5, 0.9])
+def test_a_goal_of_the_drive_is_in_its_current_at_once_wherever_in_a_tick_it_comes(phase: float) -> None:
+    # At rest a motor without inductance carries δV/R = gain · goal · stall current · V/V_nominal (data sheet).
+    drive, goal = RIG.drive, 0.1
+    plant = JointPlant(RIG, slack_m=[0.01] * 4)
+    _run(plant, (7 + phase) * TICK_S)
+    plant.set_law(4, Law("position", goal, drive.position_gain.value))
+    share = drive.supply_voltage.value / drive.nominal_voltage.value
+    expected = drive.position_gain.value * goal * drive.stall_current.value * share
+    assert plant.horn(4).current == pytest.approx(expected, rel=1e-6)

@@ -363,9 +363,10 @@ def test_reads_are_fast_where_the_wire_is_short_of_time_or_the_rig_asks(
 
 
 def test_the_time_on_the_wire_is_that_of_the_bytes() -> None:
-    # Goals: header to CRC 10, address and length 4, five motors of 1 + 4. Question: 10, six devices of 5. Answers: four
-    # motors of 16, one of 27 with its climate, the sensor's 28; each in a packet of 11, or in one of 8 with 4 for each.
-    asked, told = 10 + 4 + 25 + 10 + 30, 4 * 16 + 27 + 28
+    # Goals: header to CRC 10, address and length 4, five motors of 1 + 4. Question: 10, six devices of 5. Answers:
+    # three motors of 16, the drive's 20 with its goal, one of 27 with its climate, the sensor's 28; each in a packet of
+    # 11, or in one of 8 with 4 for each.
+    asked, told = 10 + 4 + 25 + 10 + 30, 3 * 16 + 20 + 27 + 28
     spec = paper_rig(baud=4_500_000)
     assert wire_s(spec, "position", "plain") == pytest.approx((asked + told + 6 * 11) * 10 / 4.5e6)
     assert wire_s(spec, "position", "fast") == pytest.approx((asked + told + 8 + 6 * 4) * 10 / 4.5e6)

@@ -115,3 +115,16 @@ xr.testing.assert_identical(found[0], found[2])
 def test_ring_downs_read_in_another_process_are_the_same_to_the_bit() -> None:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path.cwd())}
     subprocess.run([sys.executable, "-c", COPIED], check=True, timeout=60, env=environment)
+
+
+def test_where_a_decay_begins_does_not_hang_on_microseconds_of_its_stamps() -> None:
+    # One period of 4 Hz behind the stop is the fiftieth sample of 200 Hz, to the microsecond.
+    whole = recording()
+    plan = whole.assign(frequency_hz=("segment", np.full(whole.sizes["segment"], 4.0)))
+    begins = []
+    for seed in range(6):
+        late = 5e-5 * np.random.default_rng(seed).exponential(size=T.size * 4)
+        found = analyse_ring_downs(plan.assign(time_s=("sample", whole["time_s"].values + late)))
+        begins.append(found["decay_start_s"].values)
+    assert np.ptp(begins, axis=0).max() < 1e-3
+    assert np.array(begins) == pytest.approx(0.25, abs=1e-3)

@@ -1,4 +1,4 @@
-"""The bench's cycle: wait, tell the motors, read all devices, guard, record."""
+"""The bench's cycle: wait, read all devices, record, guard, and half a cycle later give the motors their goals."""
 
 import math
 from collections import deque
@@ -19,7 +19,6 @@ WATCHDOG_S = 0.08
 """After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
 
 _OTHERS_MOST = 2  # instructions of another program; what noise makes of our own hardly passes a checksum even once
-_GOAL_BYTES = 60  # of the packet with all goals
 _STANDS_STILL_S = 0.012  # two samples of the IMU are due in that time
 _MISSED_WINDOW = 200
 MISSED_MOST = 0.25
@@ -40,7 +39,8 @@ def at_zero(_: float) -> float:
 class LoopStatistics:
     """cycles: run. missed: deadlines that passed before a cycle could begin. incomplete: cycles with a missing answer.
     stale, impossible: answers left out because they were of an earlier time, or could not be true.
-    worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took."""
+    worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took, without its
+    wait for the middle."""
 
     cycles: int = 0
     missed: int = 0
@@ -58,8 +58,11 @@ class Loop:
     check: raises StoppedError, before a cycle, where the run is to end.
     lever: where the lever rests [rad], its middle if not set otherwise.
     paused: whether the computer paused for as long as the motors' watchdogs wait, since deadlines were counted anew.
-    The goal sent for a cycle is the drive's command at its middle, since the motor keeps it for a whole cycle: the
-    staircase then has the command's phase.
+    Goals go out half a cycle after the devices are read, so that a reading comes in the middle of the time for which
+    the motors keep a goal. A position loop sees a staircase of goals: just after a step its duty and current are those
+    of a command half a cycle later, just before it of one half a cycle earlier, and which of the two is read would
+    depend on some tenths of a millisecond. In the middle they are those of the command. The goal is the command at
+    that time: the staircase has the command's phase.
     """
 
     def __init__(
@@ -83,7 +86,7 @@ class Loop:
         self._is_mixed = False
         self.late_s, self.paused = 0.0, False
         self._volts: dict[str, float] = {}
-        self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
+        self._told: tuple[float, ...] | None = None
         self._due = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
         self._after_hole = False
@@ -122,7 +125,7 @@ class Loop:
 
     def restart(self) -> None:
         """Begin to count deadlines anew, after a stretch without cycles."""
-        self._due, self.paused = self._clock.now(), False
+        self._due, self.paused, self._told = self._clock.now(), False, None
         self._guard.forget(self._due)
 
     def set_goals(
@@ -145,15 +148,9 @@ class Loop:
         self._check()
         drive = drive or self.lever
         began = self._wait()
-        watch = self.watch
-        if pull is not None:
-            further = pull(began + self._lead)
-            goals = tuple([goal + more for goal, more in zip(watch.goals, further, strict=True)])
-            watch = replace(watch, goals=goals, resting=False)
-        self._rig.write_goals(drive(began + self._lead), watch.goals)
         reading = self._rig.read()
         self.last = reading
-        sample = self._sample(reading, drive, watch.goals)
+        sample = self._sample(reading, drive, self._told or self.watch.goals)
         statistics = self.statistics
         statistics.cycles += 1
         self._after_hole = bool(reading.faults)
@@ -163,6 +160,7 @@ class Loop:
             statistics.impossible += len(reading.impossible)
         self._record(sample)
         tilt = (MISSING, MISSING) if math.isnan(sample.tilt_rad) else self._tilt.components
+        watch = self.watch if pull is None else replace(self.watch, resting=False)
         self._guard.check(reading, tilt, began, watch)
         if reading.altered:
             self.read_registers("the run set it")
@@ -173,7 +171,20 @@ class Loop:
                 "the motors in turn; end the other one, or unplug its adapter"
             )
         statistics.busy_s += self._clock.now() - began
+        self._clock.wait_until(began + 0.5 * self.period)
+        self._write_goals(drive, pull)
         return sample
+
+    def _write_goals(self, drive: Drive, pull: Pull | None) -> None:
+        """Send the motors what they are to keep for a cycle from now on."""
+        began = self._clock.now()
+        middle = began + self._rig.goals_s + 0.5 * self.period  # of the time for which they keep it
+        goals = self.watch.goals
+        if pull is not None:
+            goals = tuple([goal + more for goal, more in zip(goals, pull(middle), strict=True)])
+        self._rig.write_goals(drive(middle), goals)
+        self._told = goals
+        self.statistics.busy_s += self._clock.now() - began
 
     def run(self, duration: float, drive: Drive | None = None) -> list[Sample]:
         """Run cycles for a time [s] and return their samples."""
@@ -265,6 +276,7 @@ class Loop:
             tendon_pwm=tuple(motor.duty if motor is not None else MISSING for motor in reading.tendons),
             supply_v=sum(self._volts.values()) / len(self._volts) if self._volts else MISSING,
             sensors=reading.sensors,
+            drive_goal_rad=lever.goal if lever is not None else MISSING,
         )
 
     def _unmixed(self, reading: Reading) -> ImuReading | None:

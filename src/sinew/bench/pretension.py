@@ -252,6 +252,7 @@ class Contact:
 
 
 _MEAN_WEIGHT = 0.01  # of the mean current's rounding, in squares, against that of the tilt
+_SUM_WEIGHT = 100.0  # of the take-up's: tilt is levelled again, the pretension is not, and it is in every number
 
 
 class MotorMap:
@@ -281,6 +282,7 @@ class MotorMap:
         self._bending = spec.bending_over_torsional_rigidity * spec.silicone.stiffness(0.0)
         self._length = spec.silicone.length.value
         self._lsb = tendons.current_lsb.value
+        self._count = math.tau / tendons.counts_per_turn.value
 
     @property
     def by_current(self) -> bool:
@@ -295,13 +297,14 @@ class MotorMap:
             tensions = self._held[pretension_mm].tension_n
             per_rise = self.tilt_stiffness(pretension_mm) / sum(y * y for y, _ in self._points)
             wanted = [max(0.0, (t + per_rise * u) * self.newton) for t, u in zip(tensions, rises, strict=True)]
-            return self._in_counts(wanted)
+            return self._in_counts(wanted, self._lsb, _MEAN_WEIGHT)
         take_up = (pretension_mm,) * len(rises) if held is None else held.take_up_mm  # None: on its way
         first = self._first + self._contact_tension / self._servo
-        return tuple(
+        turned = [
             angle + (1e-3 * mm + first + rise) / self.radius
             for angle, mm, rise in zip(self._contact.angles, take_up, rises, strict=True)
-        )
+        ]
+        return self._in_counts(turned, self._count, _SUM_WEIGHT)
 
     def count(self, pretension_mm: float) -> float:
         """Return by how much one count of current in one tendon tilts the plate [rad]; zero by position."""
@@ -329,20 +332,20 @@ class MotorMap:
         pulled = sum(self._held[pretension_mm].tension_n)
         return max(0.25 * self._bending, self._bending - pulled * self._length / 12)
 
-    def _in_counts(self, wanted: Sequence[float]) -> tuple[float, ...]:
-        """Return currents [A] in whole counts, up or down each, that tilt least beside what was wanted.
+    def _in_counts(self, wanted: Sequence[float], lsb: float, mean_weight: float) -> tuple[float, ...]:
+        """Return currents [A] or angles [rad] in whole counts of a size, up or down each, that come nearest to what was
+        wanted: in tilt, and by a weight in their sum.
 
-        Rounded one by one, two tendons that face each other may both step at once and leave a whole count of tilt
-        between; together they leave half a count, and at most so much of the mean.
+        Rounded one by one, two tendons that face each other may both step at once. That leaves a whole count of tilt
+        between, or moves the pretension by half a count, some 0.1 % of the tension, with whatever tilt was seen.
         """
-        lsb = self._lsb
-        below = [math.floor(current / lsb) for current in wanted]
-        rest = [current / lsb - low for current, low in zip(wanted, below, strict=True)]
+        below = [math.floor(value / lsb) for value in wanted]
+        rest = [value / lsb - low for value, low in zip(wanted, below, strict=True)]
 
         def off(up: Sequence[int]) -> float:
             missed = [step - part for step, part in zip(up, rest, strict=True)]
             y, z = (sum(m * at[i] for m, at in zip(missed, self._points, strict=True)) for i in (0, 1))
-            return (y * y + z * z) / self.guide_radius**2 + _MEAN_WEIGHT * sum(missed) ** 2
+            return (y * y + z * z) / self.guide_radius**2 + mean_weight * sum(missed) ** 2
 
         best = min(itertools.product((0, 1), repeat=len(wanted)), key=off)
         return tuple(lsb * (low + step) for low, step in zip(below, best, strict=True))

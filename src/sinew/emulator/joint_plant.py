@@ -40,6 +40,7 @@ from sinew.twin.parameters import from_rig
 GEAR_HOLD = 0.1
 """Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
 
+_INSTANT_S = 1e-6  # the unit of every time stamp on the bench
 _FAR = 1e3  # [m] or [m/s]: no bound
 _AT_ONCE = 1e9  # [rad]: a goal without a speed limit
 
@@ -173,9 +174,10 @@ class JointPlant:
     its axis, and a second of it costs a thirtieth.
 
     All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
-    at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`; `motion` tells how it has
-    gone on since the last one: angles at their speed, rates at their acceleration, tensions and currents as they were.
-    A law that is set between two ticks acts from the earlier one.
+    at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`, and in a shorter one to
+    where a law changes, which acts from then on. The drive is told as it is at the moment. Of the rest `motion` tells
+    how it has gone on since the last tick: angles at their speed, rates at their acceleration, tensions and the
+    tendons' currents as they were.
 
     Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
     let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
@@ -214,7 +216,7 @@ class JointPlant:
         self._stuck = [False] * count
         self._supply = spec.drive.supply_voltage.value
         self._push = 0.0
-        self._ticks, self._until = 0, 0.0
+        self._ticks, self._counted_from, self._until = 0, 0.0, 0.0
         self._begin(slack_m, at)
 
     def _begin(self, slack_m: Sequence[float], at: Sequence[float]) -> None:
@@ -224,7 +226,6 @@ class JointPlant:
         ends = math.hypot(unpulled.free_span.value, across) + np.asarray(slack_m, dtype=float)
         horns = np.asarray(at[: self.count]) * self._radius
         stiffness = self.spec.tendons.cable_stiffness.value
-        self._drive[self._where.step_s] = TICK_S / self._body.steps
         self._tendons[list(self._where.tendons.cable_end)] = ends
         state[self._body.lever] = state[now.goal] = at[self.count]
         state[list(now.horn)], state[list(now.span)] = horns, bent
@@ -236,6 +237,7 @@ class JointPlant:
         self._go(0)
 
     def set_law(self, motor: int, law: Law) -> None:
+        self._reach_present()
         old, self._laws[motor] = self._laws[motor], law
         if motor == self.count:
             if law.kind != old.kind:
@@ -247,10 +249,12 @@ class JointPlant:
             self._anchor(motor)
 
     def set_supply(self, voltage: float) -> None:
+        self._reach_present()
         self._supply = voltage
         self._order_all()
 
     def stick(self, tendon: int, stuck: bool) -> None:
+        self._reach_present()
         self._stuck[tendon] = stuck
         self._order_tendon(tendon)
 
@@ -266,6 +270,7 @@ class JointPlant:
         self._go(0)
 
     def push(self, torque: float) -> None:
+        self._reach_present()
         self._push = torque
         self._order_drive()
 
@@ -279,13 +284,13 @@ class JointPlant:
         if until <= self._until:
             return
         self._until = until
-        ticks = math.floor(until / TICK_S + 1e-6) - self._ticks
+        ticks = math.floor((until - self._counted_from) / TICK_S + 1e-6) - self._ticks
         if ticks > 0:
             self._go(ticks)
             self._ticks += ticks
 
     def motion(self) -> Motion:
-        head = self._body.head(self._seen, self._until - self._ticks * TICK_S)
+        head = self._body.head(self._seen, self._late())
         return Motion(
             time=self._until,
             drive=self.horn(self.count),
@@ -299,8 +304,7 @@ class JointPlant:
         )
 
     def horn(self, motor: int) -> HornMotion:
-        late = self._until - self._ticks * TICK_S
-        return self._tendon_motion(motor, late) if motor < self.count else self._drive_motion(late)
+        return self._tendon_motion(motor, self._late()) if motor < self.count else self._drive_motion()
 
     @property
     def pretension(self) -> float:
@@ -334,11 +338,26 @@ class JointPlant:
         where = self._where.now[0]
         return jax.tree.map(lambda w: np.array(self._seen)[w] if np.ndim(w) else self._seen[w], where)
 
-    def _go(self, ticks: int) -> None:
-        self._drive[self._where.steps] = ticks * self._body.steps
-        out = self._body.move_on(self._now, self._tendons, self._drive)
+    def _late(self) -> float:
+        """Return how long ago the last tick was [s]."""
+        return self._until - self._counted_from - self._ticks * TICK_S
+
+    def _reach_present(self) -> None:
+        """Move on to the present, by less than a tick, and count ticks from here."""
+        if (late := self._late()) > _INSTANT_S:
+            self._go(1, late)
+            self._ticks, self._counted_from = 0, self._until
+
+    def _go(self, ticks: int, tick_s: float = TICK_S) -> None:
+        out = self._after(ticks, tick_s)
         self._now = out[: self._now.size].copy()
         self._seen = out.tolist()
+
+    def _after(self, ticks: int, tick_s: float) -> Array:
+        """Return the numbers after some ticks of a length [s] under the present laws."""
+        where, steps = self._where, self._body.steps
+        self._drive[where.steps], self._drive[where.step_s] = ticks * steps, tick_s / steps
+        return self._body.move_on(self._now, self._tendons, self._drive)
 
     def _anchor(self, tendon: int) -> None:
         """Let a motor's position loop start from where its horn is, under the tension there is."""
@@ -415,15 +434,15 @@ class JointPlant:
         for name, value in orders.items():
             self._drive[getattr(self._where.drive, name)] = value
 
-    def _drive_motion(self, late: float) -> HornMotion:
-        seen, p = self._seen, self._p
+    def _drive_motion(self) -> HornMotion:
+        late, p = self._late(), self._p
+        seen = (self._after(1, late) if late > _INSTANT_S else self._after(0, TICK_S)).tolist()
         torque, speed = seen[self._where.seen.torque], seen[self._body.lever_rate]
         duty = 0.0
         if self._laws[self.count].kind != "off":
             full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
             duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
-        angle = seen[self._body.lever] + late * speed
-        return HornMotion(angle, speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
+        return HornMotion(seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
     def _tendon_motion(self, tendon: int, late: float) -> HornMotion:
         seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]

@@ -30,8 +30,9 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
-_ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", "goal_position")
-_CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
+_CLIMATE = ("present_input_voltage", "present_temperature")
+_GOAL = ("goal_position",)  # just before what is present: four bytes more, and it is known which goal was in force
+_ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", *_GOAL)
 _TOLD_MOST = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
 _FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
 _FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
@@ -47,7 +48,7 @@ class MotorReading:
     """One motor at one moment, in the rig's sense: a tendon's is positive where it pulls.
 
     angle [rad], speed [rad/s], current [A], duty [share of the supply], tick [ms, of its own clock].
-    alert: whether it reports a hardware error.
+    alert: whether it reports a hardware error. goal: the angle in its register of goals [rad]; of the drive alone.
     """
 
     angle: float
@@ -56,6 +57,7 @@ class MotorReading:
     duty: float
     tick: int
     alert: bool
+    goal: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,11 +131,13 @@ class Reads:
 class _Present:
     """Turns a motor's answer into its reading; all that can be worked out before is."""
 
-    def __init__(self, motor: Motor, spec: RigSpec, zero: int = 0) -> None:
+    def __init__(self, motor: Motor, spec: RigSpec, zero: int = 0, *, tells_goal: bool = False) -> None:
         self.name, self.id = motor.name, motor.id
         self.bounds = MotorBounds(motor.table, spec)
         self.objection = self.climate_objection = ""
-        short, long, whole = (lay_out(motor.table, names) for names in (_PRESENT, _CLIMATE, (*_ORDERS, *_PRESENT)))
+        names = (*_GOAL, *_PRESENT) if tells_goal else _PRESENT
+        asked = names, (*names, *_CLIMATE), (*_ORDERS, *_PRESENT)
+        short, long, whole = (lay_out(motor.table, registers) for registers in asked)
         self.ask, self.ask_climate, self.ask_orders = (
             Read(motor.id, block.address, block.length) for block in (short, long, whole)
         )
@@ -142,11 +146,11 @@ class _Present:
         )  # fmt: skip
         self._before = short.address - whole.address  # bytes of the orders
         self._motor, self._odd = motor, ""
-        _, duty, current, speed, angle, self._volt, self._degree = long.scales
+        tick, duty, current, speed, angle, self._volt, self._degree = long.scales[-7:]
         sign = motor.sign
         self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
         self._zero = zero
-        self.track = ClockTrack(short.scales[0], motor.table["realtime_tick"].highest + 1)
+        self.track = ClockTrack(tick, motor.table["realtime_tick"].highest + 1)
 
     def decode(self, reply: Reply, time: float) -> MotorReading | None:
         """Return what an answer says, or None if it is not good, does not belong to this host time [s], or cannot be
@@ -158,7 +162,7 @@ class _Present:
         if counts is None:
             self.objection = "two answers come under its id, and differ: do two devices have it?"
             return None
-        tick, duty, current, speed, position = counts
+        *goal, tick, duty, current, speed, position = counts
         if not self.track.is_fresh(tick, time):
             if tick < _JUST_STARTED_MS and abs(self.track.ahead(tick, time)) > _LATEST_S:
                 self.objection = f"its clock begins anew ({1e-3 * tick:.1f} s): it started anew, did its supply dip?"
@@ -167,7 +171,10 @@ class _Present:
         if self.objection:
             return None
         angle = (position - self._zero) * self._angle
-        return MotorReading(angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert)
+        told = (goal[0] - self._zero) * self._angle if goal else math.nan
+        return MotorReading(
+            angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert, told
+        )
 
     def climate(self, reply: Reply, time: float) -> Climate | None:
         """Return voltage and temperature out of an answer to `ask_climate`; None, and `climate_objection`, where they
@@ -204,7 +211,7 @@ class _Present:
     def _only_fresh(self, reply: Reply, time: float) -> tuple[int, ...] | None:
         """Return the counts of the one of several answers that belongs to a host time [s]; None where two do."""
         told = [self._counts(data) for data in (reply.data, *reply.rivals)]
-        fresh = [counts for counts in told if self.track.could_be(counts[0], time)]
+        fresh = [counts for counts in told if self.track.could_be(counts[-len(_PRESENT)], time)]
         return None if len(fresh) > 1 else (fresh or told)[0]
 
 
@@ -245,7 +252,7 @@ class Rig:
         self._mode: TendonMode | None = None
         self._needed_a = 0.0
         self._return_delay = bus.timing.return_delay
-        self._drive_present = _Present(self.drive, spec, self.drive.zero)
+        self._drive_present = _Present(self.drive, spec, self.drive.zero, tells_goal=True)
         self._tendon_presents = tuple(_Present(motor, spec) for motor in self.tendons)
         self._presents = (*self._tendon_presents, self._drive_present)
         self._turns = [self._reads(index) for index in range(2 * len(self._presents))]
@@ -260,11 +267,6 @@ class Rig:
 
     def bytes_with(self, kind: ReadKind, mode: TendonMode | None = None) -> int:
         """Return `cycle_bytes` with reads of a kind, in a mode of the tendon motors; None: in the one that is set."""
-        mode = mode or self._mode
-        if mode == "current":
-            goals = 9 + 7 * len(self.tendons)
-        else:
-            goals = 4 + 5 * len(self.motors) if mode else 9 * len(self.motors)
         asked = self._turns[0]
         if kind == "fast":
             answers = _FAST_HEAD + sum(read.length + _FAST_EACH for read in asked)
@@ -273,7 +275,17 @@ class Rig:
         alone = [] if self.imu.is_grouped else [self.imu.ask.length]
         lengths = (*alone, *(sensor.row.size for sensor in self.sensors))
         single = sum(wire_bytes(4) + wire_bytes(length, status=True) for length in lengths)
-        return wire_bytes(goals) + wire_bytes(5 * len(asked)) + answers + single
+        return self._goal_bytes(mode or self._mode) + wire_bytes(5 * len(asked)) + answers + single
+
+    def _goal_bytes(self, mode: TendonMode | None) -> int:
+        if mode == "current":
+            return wire_bytes(9 + 7 * len(self.tendons))
+        return wire_bytes(4 + 5 * len(self.motors) if mode else 9 * len(self.motors))
+
+    @property
+    def goals_s(self) -> float:
+        """Return how long the packet with all goals is on the wire [s], without stuffing."""
+        return self._goal_bytes(self._mode) * 10 / self.spec.wiring.baud
 
     def wire_s(self, kind: ReadKind | None = None) -> float:
         """Return how long the bytes of a cycle are on the wire [s]. kind: of reads; None: those in use."""

@@ -55,6 +55,11 @@ class Variable:
 SAMPLE_VARIABLES: dict[str, Variable] = {
     "time_s": Variable(("sample",), "s", "host time of the sample, strictly increasing inside a segment", True),
     "drive_command_rad": Variable(("sample",), "rad", "commanded lever angle relative to the head plate"),
+    "drive_goal_rad": Variable(
+        ("sample",),
+        "rad",
+        "lever angle in the drive's goal register when it was read, which its current belongs to",
+    ),
     "drive_rad": Variable(("sample",), "rad", "measured lever angle relative to the head plate (encoder)"),
     "drive_current_a": Variable(("sample",), "A", "measured current of the drive motor, signed"),
     "drive_pwm": Variable(("sample",), "1", "measured duty of the drive motor, -1..1"),

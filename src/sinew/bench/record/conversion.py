@@ -295,7 +295,9 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
     kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
     if np.isfinite(readings[kept, 6]).all():
         values["tilt_rad"] = readings[:, 6]
-    values |= {name: v for name, v in _power_columns(rows, tendons).items() if np.isfinite(v[kept]).all()}
+    late = {"drive_goal_rad": rows["drive_goal_rad"]} if "drive_goal_rad" in rows else {}
+    late |= _power_columns(rows, tendons)
+    values |= {name: v for name, v in late.items() if np.isfinite(v[kept]).all()}
     values |= {sensor.channel: rows[sensor.channel] for sensor in rig.sensors}
     sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same

@@ -27,7 +27,7 @@ class Sample:
     the samples' order has to do.
     tendon_pwm: duty of the tendon motors, by tendon; pulling is positive. supply_v: mean over the motors of the voltage
     that each told last [V]. sensors: what those with a node of their own told, in the rig's order and their channels'
-    units.
+    units. drive_goal_rad: the lever's goal that the drive's register held when it was read, which it went by.
     """
 
     time_s: float
@@ -47,6 +47,7 @@ class Sample:
     tendon_pwm: tuple[float, ...] = ()
     supply_v: float = MISSING
     sensors: tuple[float, ...] = ()
+    drive_goal_rad: float = MISSING
 
 
 # The tables of a journal are written down, and how a sample becomes a row of them.
@@ -57,10 +58,14 @@ class Sample:
 APPLICATION_ID = 0x53694E77
 """What tells a journal of Sinew from any other SQLite file."""
 
-JOURNAL_VERSION = 2
+JOURNAL_VERSION = 3
 """Changes whenever a table does."""
 
-READABLE_VERSIONS = {1: ("tendon_pwm", "supply_v"), JOURNAL_VERSION: ()}
+READABLE_VERSIONS = {
+    1: ("tendon_pwm", "supply_v", "drive_goal_rad"),
+    2: ("drive_goal_rad",),
+    JOURNAL_VERSION: (),
+}
 """Versions that can be read, and the fields of a sample that each had not yet."""
 
 REGISTERS = "registers of run "
@@ -127,6 +132,7 @@ def sample_row(sample: Sample) -> tuple[float, ...]:
         *(sample.tendon_pwm or (MISSING,) * len(sample.tendon_rad)),
         sample.supply_v,
         *sample.sensors,
+        sample.drive_goal_rad,
     )
 
 
