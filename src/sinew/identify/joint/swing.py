@@ -31,7 +31,8 @@ class Swing:
     lever: angle of the lever against the head [rad] at sample n, n from 0, as a cubic spline over n·sample_s, the
         drive's delay taken out.
     gyro: rate about the joint's axis as read [rad/s], shape (n,); present: which samples were really there, shape (n,).
-    recorded: number of samples before the segment. rests: whether the joint is known to begin at rest. current_a: mean current of the tendon motors over the segment [A],
+    recorded: number of samples before the segment. rests: whether it is known to begin at rest.
+    current_a: mean current of the tendon motors over the segment [A],
         NaN where it was not recorded; current_swing_a: half of its range [A].
     """
 
@@ -127,16 +128,17 @@ def _with_settle(rows: Sequence[tuple[int, Segment, slice]], k: int) -> slice:
 def line_through(stamps: Array) -> tuple[float, Array]:
     """Return the time between samples by the line through the stamps, gaps left out, and each stamp's place on it.
 
-    The place is counted in samples from the first one on the line. Samples are counted from one to the next: the median
-    difference of jittering stamps is off by a thousandth, which over a thousand samples is one too many.
+    The place is counted in samples from the first one on the line. The median difference of jittering stamps is off by
+    a thousandth, which over a thousand samples is one too many; so the count goes over ever longer differences.
     """
-    steps = np.diff(stamps)
-    index = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
-    for _ in range(2):
-        slope, begin = np.polyfit(index, stamps, 1)
-        place = (stamps - begin) / slope
-        index = np.round(place)
-    return float(slope), place - index[0]
+    slope, lag = float(np.median(np.diff(stamps))), 1
+    while (lag := 4 * lag) < stamps.size:
+        spans = stamps[lag:] - stamps[:-lag]
+        slope = float(np.median(spans / np.maximum(np.round(spans / slope), 1)))
+    turn = np.exp(2j * np.pi * (stamps - stamps[0]) / slope).mean()
+    index = np.round((stamps - stamps[0]) / slope - np.angle(turn) / (2 * np.pi))
+    slope, begin = np.polyfit(index, stamps, 1)
+    return float(slope), (stamps - begin) / slope - index[0]
 
 
 def places_of(stamps: Array, sample_s: float, jitter_s: float) -> Array:
@@ -145,13 +147,14 @@ def places_of(stamps: Array, sample_s: float, jitter_s: float) -> Array:
     jitter_s: standard deviation of the stamps of samples that are taken at an even rate. A stamp that is no further
     from its place on the line through all of them than the largest of so many errors, sqrt(2 ln n) standard deviations
     (Donoho & Johnstone 1994), is taken for jitter, and its sample to be on the line. Another one, as of a cycle of the
-    bench that began late, and each of two in one place say when the sample was taken.
+    bench that began late, and two that would be in one place say when the sample was taken.
     """
     _, place = line_through(stamps)
     nearest = np.round(place)
-    alone = np.diff(nearest, prepend=-np.inf, append=np.inf)
     on_line = np.abs(place - nearest) * sample_s <= np.sqrt(2 * np.log(stamps.size)) * jitter_s
-    return np.where(on_line & (alone[:-1] > 0) & (alone[1:] > 0), nearest, place)
+    _, which, count = np.unique(nearest[on_line], return_inverse=True, return_counts=True)
+    on_line[on_line] = count[which] == 1
+    return np.where(on_line, nearest, place)
 
 
 def _swing(
@@ -173,8 +176,8 @@ def _swing(
     present = (np.round(place[after] - place[after - 1]) < 2) | (grid == place[after]) | (grid == place[after - 1])
     if np.mean(present) < 1 / (1 + _LARGEST_GAP):
         raise RecordingError(
-            f"segment {number} at {segment.pretension_mm:g} mm lacks {np.sum(~present)} of {grid.size} samples, expected at most {_LARGEST_GAP:.0%}; the "
-            "tendon joint needs a record without long gaps, so leave that segment out or record it again"
+            f"segment {number} at {segment.pretension_mm:g} mm lacks {np.sum(~present)} of {grid.size} "
+            f"samples, expected at most {100 * _LARGEST_GAP:g} %; leave that segment out, or record it again"
         )
     read = np.asarray(recording["gyro_rad_s"].values[where, 0], dtype=float)
     gyro = np.where(present, CubicSpline(place, read)(grid), np.interp(grid, place, read))
