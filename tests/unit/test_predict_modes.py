@@ -95,3 +95,4 @@ def test_a_sway_held_by_current_crosses_the_torsion_between_six_and_twelve_milli
     first = document["poses"][0]["modes"][0]
     assert set(first["energy_shares"]) == set(SHARES)
     assert first["frequency_hz"]["interval90"][0] is not None
+    assert "- assumed: space.head_across, the head's moment across its axis, is 0.0025 kg m²" in str(found.told())

@@ -132,6 +132,7 @@ def test_the_search_weighs_a_torso_as_the_exact_checks_do() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_torso_that_no_joint_holds_ends_the_search_with_the_limit_of_each_candidate() -> None:
     target = replace(TARGET, torso=Torso(20.0))
     silicones = {"base": shear_modulus_of(RIG)}

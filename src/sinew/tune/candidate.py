@@ -457,7 +457,7 @@ def _first_contact(p: Parameters, frame: Frame) -> jax.Array:
 def _pressed(stretch: jax.Array, more: jax.Array) -> jax.Array:
     """Return the stretch under a further load, as a share of G A, by Newton's method; see `validity.loads_under`."""
     load = compressive_load(1.0, stretch) + more
-    found = (1 + load) ** -0.5  # below the root of a convex function, from where Newton's steps only rise
+    found: jax.Array = (1 + load) ** -0.5  # below the root of a convex function, from where Newton's steps only rise
     for _ in range(6):
         found = found - (compressive_load(1.0, found) - load) / (-2 * found**-3 - 1)
     return found

@@ -797,7 +797,7 @@ def _why_none(found: Designed) -> list[str]:
         return ["none of them has both resonances by harmonic balance; allow a narrower band or another silicone"]
     limits = dict.fromkeys(one.limit for one in shown)
     return [
-        f"none of the {len(shown)} best passed; what each breaks most, and by how much of it:",
+        "no candidate passed; of the best, the limit that each breaks most, and by how much of it:",
         *(f"{one.shape} of {one.material}: {one.limit}, {100 * one.excess:.3g} %" for one in shown),
         *(f"for {limit}: {LIMITS[limit]}" for limit in limits),
     ]
