@@ -92,7 +92,7 @@ def test_motors_are_read_in_the_rigs_sense(sign: int) -> None:
 
 
 def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> None:
-    climates = [reading.climate for reading in stand.readings(6)]
+    climates = [reading.climate for reading in stand.readings(11)]  # every other cycle asks for the orders
     assert [climate.name for climate in climates if climate] == [
         "tendon 1",
         "tendon 2",
