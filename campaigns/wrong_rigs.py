@@ -1,8 +1,8 @@
 """Benches that are wired otherwise than their rig says: `python -m campaigns.wrong_rigs --seeds 5`.
 
 A bench with slack cables and a head that leans, in virtual time, is run with a rig in which one thing is wrong. Each
-must be named before the lever moves; a wrong sign of the drive by a move of 3°. The tension and the lever's way are read
-from the mechanics. Exit status 1 where a rig is not named, or a tendon carries more than 1.3 times what the twin expects.
+must be named before the lever moves; a wrong sign of the drive by a move of 3°. Tension and the lever's way are read
+from the mechanics. Exit status 1 where a rig is not named, or a tendon carries over 1.3 times what the twin expects.
 """
 
 import json
@@ -81,7 +81,7 @@ def play(spec: RigSpec, wiring: dict[str, Any], mode: str, seed: int, tension_n:
         f'name = "wrong"\n[pretension]\npretension_mm = [{PRETENSION_MM}]\nmode = "{mode}"\nrest_s = 0.3\n'
         "[sweep]\nfrequency_hz = [3.5]\nsettle_s = 0.3\nperiods = 2\nrepeats = 1"
     )
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder:  # noqa: SIM117
         with Journal.create(Path(folder) / "journal.sqlite", dump_plan(plan), dump_rig(told)) as journal:
             runner = Runner(rig, port, plan, journal, {PRETENSION_MM: tension_n}, listener=watcher)
             try:

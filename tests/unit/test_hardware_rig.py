@@ -101,7 +101,7 @@ def test_the_levers_angle_has_the_rigs_sign_in_a_cycle_and_asked_alone(sign: int
 
 
 def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> None:
-    climates = [reading.climate for reading in stand.readings(6)]
+    climates = [reading.climate for reading in stand.readings(11)]  # every other cycle asks for the orders
     assert [climate.name for climate in climates if climate] == [
         "tendon 1",
         "tendon 2",

@@ -189,8 +189,8 @@ def _refuse_astray(tilt: float, first: float, moved: float, passed_s: float, acc
         )
     if tilt > accepted and moved > _CORRECTS * max(first, accepted):
         raise LostError(
-            f"the head plate is still tilted by {found:.2f}°, {began:.2f}° before, though its tendons were corrected by "
-            f"{math.degrees(moved):.2f}°; {_WIRED}"
+            f"the head plate is still tilted by {found:.2f}°, {began:.2f}° before, though its tendons were corrected "
+            f"by {math.degrees(moved):.2f}°; {_WIRED}"
         )
 
 
@@ -415,15 +415,15 @@ _BESIDE = math.radians(30.0)  # of 90° between four tendons
 
 
 def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
-    """Have each tendon give way a little and raise LostError where the head plate rises elsewhere: it names tendons that
-    answer to each other's commands, a board that is turned, and the key of the rig.
+    """Have each tendon give way a little and raise LostError where the head plate rises elsewhere: it names tendons
+    that answer to each other's commands, a board that is turned, and the key of the rig.
 
     The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad].
     """
     tendons = rig.spec.tendons
     give = math.radians(_GIVES_DEG) * tendons.head_radius.value / loop.pulley_radius
     turns = [math.tau * i / tendons.count for i in range(tendons.count)]
-    stood = [angle for angle in loop.cycle().tendon_rad]
+    stood = list(loop.cycle().tendon_rad)
     level_at, rises = _seen_tilt(loop, goals), []
     for index in range(tendons.count):
         loop.set_goals([stood[i] - give if i == index else goal for i, goal in enumerate(goals)])
@@ -441,8 +441,8 @@ def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
         return
     if all(abs(math.remainder(angle - off[0], math.tau)) < _BESIDE for angle in off):
         raise LostError(
-            f"whichever tendon gives way, the head plate rises {math.degrees(abs(off[0])):.0f}° beside it: the board is "
-            f"turned about x; {_board_advice(off[0], rig.spec.wiring.imu_axes)}"
+            f"whichever tendon gives way, the head plate rises {math.degrees(abs(off[0])):.0f}° beside it: the board "
+            f"is turned about x; {_board_advice(off[0], rig.spec.wiring.imu_axes)}"
         )
     over = [
         min(range(len(turns)), key=lambda j: abs(math.remainder(turns[i] + a - turns[j], math.tau)))
