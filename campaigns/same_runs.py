@@ -149,7 +149,7 @@ def within(first: Numbers, other: Numbers, name: str) -> list[bool]:
 def text(runs: Sequence[Numbers], twins: Sequence[Numbers]) -> str:
     """Return the table: how many runs and twins agree with the first run, number by number."""
     first, others = runs[0], runs[1:]
-    rows = [("", "within, runs", "within, twin", "scatter/std")]
+    rows: list[tuple[str, ...]] = [("", "within, runs", "within, twin", "scatter/std")]
     counts = np.zeros(4, dtype=int)
     spreads = []
     for name in first:
