@@ -281,7 +281,7 @@ class JointProblem:
     @property
     def size(self) -> int:
         """Return the number of coordinates."""
-        return self.of_settings.stop + 2 * sum(not swing.rests for swing in self.swings)
+        return self.shared + 2 * len(self.pairs) + 2 * sum(not swing.rests for swing in self.swings)
 
     @property
     def of_settings(self) -> slice:
