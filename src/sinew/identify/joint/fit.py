@@ -264,7 +264,7 @@ def fit_joint(
 ) -> JointFit:
     """Return the rig's tendon joint as the recordings have it.
 
-    recordings: of the twin or a bench, with steady or ring-down segments, each from rest. rig: where the search begins;
+    recordings: of the twin or a bench, with steady or ring-down segments. rig: where the search begins;
     what is not free stays as it is there, above all the sum of the inertias, without which no torque is known. The
     rig's bounds are a weak prior: a normal about the rig's value with the bounds' distance as its 95 % interval.
     free: dotted names of the rig's parameters. progress: called with (done, total).
