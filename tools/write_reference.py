@@ -280,7 +280,8 @@ def _known_state_table() -> str:
     for row in KNOWN_STATE:
         cells = []
         for post in (tendon, drive):
-            wanted = row.wanted(post, {"current_limit": post.counts("current_limit", post.most_a)})
+            limits = {"current_limit": post.counts("current_limit", post.most_a), "pwm_limit": post.full_duty()}
+            wanted = row.wanted(post, limits)
             cells.append("" if wanted is None else str(wanted))
         if row.is_refused and not any(cells):
             cells = ["what the plan needs", ""]

@@ -180,7 +180,10 @@ def _lever_reasons(rig: Rig) -> list[str]:
     """Return what is wrong with where the lever stands. A motor left in a mode of many turns counts them until it
     starts anew or changes its mode; the place within its turn is what stays."""
     # No run leaves it further from its middle than it may swing: what stands there has another middle, or was turned.
-    window, drive = min(rig.spec.limits.drive_window_deg, rig.spec.limits.drive_amplitude_deg), rig.drive
+    limits, drive = rig.spec.limits, rig.drive
+    window, key = min(
+        (limits.drive_window_deg, "drive_window_deg"), (limits.drive_amplitude_deg, "drive_amplitude_deg")
+    )
     try:
         angle = math.degrees(math.remainder(drive.angle(), math.tau))
     except TROUBLES as trouble:
@@ -188,8 +191,8 @@ def _lever_reasons(rig: Rig) -> list[str]:
     if abs(angle) <= window:
         return []
     return [
-        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° (drive_amplitude_deg); turn it "
-        "back by hand, or correct wiring.drive_zero_counts"
+        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° ({key}); turn it back by "
+        "hand, or correct wiring.drive_zero_counts"
     ]
 
 

@@ -202,6 +202,11 @@ class Device(ABC):
         """Whether registers that are kept without power may not be written."""
         return False
 
+    @property
+    def answers_damaged(self) -> bool:
+        """Whether it answers an instruction with a wrong CRC, with the protocol's error."""
+        return True
+
     def answers_to(self, code: int) -> bool:
         """Return whether it answers an instruction to it alone, by its status return level."""
         return code == ask.PING or self.status_return_level >= (1 if code == ask.READ else 2)
@@ -361,6 +366,10 @@ class Board(Device):
     @property
     def goes_on_alone(self) -> bool:
         return True  # as Sinew's firmware does, firmware/node/slave.h
+
+    @property
+    def answers_damaged(self) -> bool:
+        return False  # Sinew's firmware is silent then
 
     def hears(self, now: float) -> bool:
         return self.is_powered and now >= self._deaf_until

@@ -8,8 +8,8 @@ A device set to another baud hears nothing that makes sense, and says nothing. W
 bytes: zeros win over ones. Some adapters return what their master sends (`echoes`). A status that a USB adapter hands
 over in one piece is handed over here when its last byte has come. Answers to a ping of all come by id.
 
-An instruction whose bytes pause for longer than `GAP_S` is dropped, up to the next header. Who is named in one with a
-wrong CRC answers with the protocol's CRC error, unless it is one for all. Instructions that are not stuffed are not
+An instruction whose bytes pause for longer than `GAP_S` is dropped, up to the next header. The motor that is named in
+one with a wrong CRC answers with the protocol's CRC error, unless it is one for all. Instructions that are not stuffed are not
 understood.
 """
 
@@ -202,7 +202,7 @@ class Line:
 
     def _refuse_damaged(self, device_id: int, code: int, now: float) -> None:
         for device in self._listeners(now):
-            if device.id == device_id and device.answers_to(code):
+            if device.id == device_id and device.answers_damaged and device.answers_to(code):
                 self._speak_later(now + device.return_delay, encode(device.status(CRC)))
 
     def _listeners(self, now: float) -> list[Device]:
