@@ -9,8 +9,8 @@ bytes: zeros win over ones. Some adapters return what their master sends (`echoe
 over in one piece is handed over here when its last byte has come. Answers to a ping of all come by id.
 
 An instruction whose bytes pause for longer than `GAP_S` is dropped, up to the next header. The motor that is named in
-one with a wrong CRC answers with the protocol's CRC error, unless it is one for all. Instructions that are not stuffed are not
-understood.
+one with a wrong CRC answers with the protocol's CRC error, unless it is one for all. Instructions that are not stuffed
+are not understood.
 """
 
 import heapq
