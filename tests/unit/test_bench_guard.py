@@ -220,7 +220,7 @@ def test_a_rate_that_stands_still_does_not_turn_the_head_further() -> None:
 def looped(told: list[Reading]) -> Loop:
     """Return a loop whose rig gives these readings one by one."""
     rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
-    rig.bus = SimpleNamespace(others=0)
+    rig.bus, rig.goals_s = SimpleNamespace(others=0), 0.0
     rig.pace = lambda _period: None
     clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
     guard.check = guard.forget = lambda *_: None

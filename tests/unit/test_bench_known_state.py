@@ -102,21 +102,22 @@ def test_a_motor_that_keeps_a_goal_far_from_where_it_stands_gets_no_torque(tmp_p
     assert report.groups_done == 0
 
 
-def test_a_lever_that_stands_aside_comes_home_evenly_from_where_it_stands(tmp_path: Path) -> None:
-    bench = still_bench()
+def test_a_lever_that_stands_aside_comes_home_evenly_once_the_wiring_is_known(tmp_path: Path) -> None:
+    bench = virtual_bench(SPEC)
     plant = bench.emulated.plant
-    assert isinstance(plant, StandIn)
-    plant.angles[4], path, advance = 0.3, [], plant.advance
+    plant.place_lever(0.3)
+    path, advance = [], plant.advance
 
     def advance_and_note(until: float) -> None:
         advance(until)
-        path.append((until, plant.angles[4]))
+        path.append((until, plant.horn(4).angle))
 
     plant.advance = advance_and_note  # type: ignore[method-assign]
     bench.run(PLAN, tmp_path, TENSION)
     times, angles = np.array(path).T
     home = int(np.argmax(angles < 0.003))
-    begin = int(np.flatnonzero(angles[:home] > 0.297)[-1])
+    stands = 0.3 - math.radians(3.0)  # behind the move that shows the drive's sign
+    begin = int(np.flatnonzero(angles[:home] > stands - 0.003)[-1])
     assert np.diff(angles[: home + 1]).max() <= 1e-3  # a count is 1.5e-3
     assert times[home] - times[begin] == pytest.approx(1.5, rel=0.1)
 

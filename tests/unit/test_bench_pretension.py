@@ -104,7 +104,8 @@ class Plate:
         self.cycles += 1
         y, z = self.tilt
         seen = (9.81, -9.81 * math.tan(z), 9.81 * math.tan(y))
-        return SimpleNamespace(acceleration_m_s2=(MISSING,) * 3 if self.cycles % 10 < self.missed else seen)
+        sensed = (MISSING,) * 3 if self.cycles % 10 < self.missed else seen
+        return SimpleNamespace(acceleration_m_s2=sensed, tendon_current_a=())
 
     def set_goals(self, goals: tuple[float, ...]) -> None:
         self.correction = goals
@@ -144,7 +145,7 @@ class Swaying:
                 self.tilt[i] += 0.1 * self.period * self.rate[i]
         (y, z), (a, b) = self.tilt, pushed
         seen = (9.81 * math.cos(math.hypot(y, z)), -9.81 * math.sin(z) + arm * b, 9.81 * math.sin(y) - arm * a)
-        return SimpleNamespace(acceleration_m_s2=seen)
+        return SimpleNamespace(acceleration_m_s2=seen, tendon_current_a=())
 
     def set_goals(self, goals: tuple[float, ...]) -> None:
         self.correction = goals
