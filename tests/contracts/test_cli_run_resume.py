@@ -69,7 +69,7 @@ def test_a_run_that_was_interrupted_is_completed_by_resuming(tmp_path: Path, mon
     plan.write_text(TINY)
     port = virtual_port(monkeypatch, spec, joint(spec))
     command = ("run", str(plan), "--port", "b", "--out", str(out), "--json")
-    interrupt(port, 10.0)
+    interrupt(port, 12.0)  # in its second group
     first = json.loads(spoken(*command)[1])
     port.wait_until(port.now() + 10.0)  # until the joint is at rest
     second = json.loads(spoken(*command, "--resume")[1])

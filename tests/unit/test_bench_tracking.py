@@ -103,7 +103,7 @@ def test_the_pretension_stays_within_its_range_and_below_its_speed(greedy: Run) 
     radius = SPEC.tendons.pulley_radius.value
     taken_up = 1e3 * radius * np.mean([table[f"tendon_{i}_goal"] for i in (1, 2, 3, 4)], axis=0)
     assert taken_up[-1] - taken_up[0] == pytest.approx(1.0, abs=0.02)
-    # Goals are whole counts. The sum of all four is the nearest, so that two of them are off by one count together.
+    # Goals are whole counts, with the nearest sum of all four: a mean is off by an eighth of a count at most.
     step, count = 1e3 * MOVE_SPEED / PLAN.sample_hz, 1e3 * radius * math.tau / SPEC.tendons.counts_per_turn.value
     for cycles in (1, 10, 100):
         assert (taken_up[cycles:] - taken_up[:-cycles]).max() <= cycles * step + count / 4 + 1e-6
