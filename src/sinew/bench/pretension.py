@@ -25,6 +25,7 @@ from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
+from sinew.plan.servo import COUNTS_PER_TURN
 
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
@@ -486,12 +487,13 @@ def _board_advice(turned: float, axes: Sequence[str]) -> str:
 _NUDGE, _NUDGE_S, _NUDGE_REST_S = math.radians(3.0), 0.08, 0.08
 
 
-def refuse_wrong_drive_sign(loop: Loop, lever: float, gyro_bias: float) -> None:
+def refuse_wrong_drive_sign(loop: Loop, spec: RigSpec, lever: float, gyro_bias: float) -> None:
     """Move the lever by 3° towards its middle, and raise LostError where the head turns with it and not against it.
 
-    lever: where it stands [rad]; it is left 3° from there, and back. gyro_bias: about x [rad/s]. At once, before the
-    silicone answers, the head turns against the lever by their inertias (paper Eq. 3); a head that does not answer at
-    all says nothing.
+    lever: where it stands [rad]; it is left 3° from there. gyro_bias: about x [rad/s]. While the lever speeds up, and
+    for a quarter of the head's own period at most, the head turns against it: by paper Eq. 3 its rate is minus the sum
+    of the lever's past accelerations, each times the cosine of the phase that the head has swung since. Later it swings
+    back. A head that does not answer at all says nothing.
     """
     begin, step = loop.due, -math.copysign(_NUDGE, lever)
 
@@ -500,7 +502,12 @@ def refuse_wrong_drive_sign(loop: Loop, lever: float, gyro_bias: float) -> None:
         return lever + step * 0.5 * (1 - math.cos(math.pi * share))
 
     samples = loop.run(_NUDGE_S + _NUDGE_REST_S, path)
-    turned = sum(s.gyro_rad_s[0] - gyro_bias for s in samples if not math.isnan(s.gyro_rad_s[0])) * loop.period
+    inertia = spec.inertia.head.value + spec.inertia.lever.value
+    quarter = 0.5 * math.pi * math.sqrt(inertia / spec.silicone.stiffness(0.0))
+    moved = [s.time_s for s in samples if abs(s.drive_rad - lever) > _MOVES]
+    last = min(moved, default=begin) + min(0.5 * _NUDGE_S, quarter)
+    early = [s.gyro_rad_s[0] for s in samples if s.time_s < last]
+    turned = sum(rate - gyro_bias for rate in early if not math.isnan(rate)) * loop.period
     if turned * step > _TURNS_WITH * step**2:
         raise LostError(
             f"the lever was moved by {math.degrees(step):.0f}° against the head, and the head turned by "
@@ -509,6 +516,7 @@ def refuse_wrong_drive_sign(loop: Loop, lever: float, gyro_bias: float) -> None:
 
 
 _TURNS_WITH = 0.02  # of the lever's move
+_MOVES = 2 * math.tau / COUNTS_PER_TURN  # the lever, for certain
 
 
 def _crept(loop: Loop, count: float) -> Contact:

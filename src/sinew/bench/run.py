@@ -452,7 +452,7 @@ class Runner:
         self._say(events.Pulled.of())
         contact = pull_to_contact(loop, rig)
         self._guard.gyro_bias = _mean([sample.gyro_rad_s[0] for sample in loop.run(_BIAS_S)])
-        refuse_wrong_drive_sign(loop, lever, self._guard.gyro_bias)
+        refuse_wrong_drive_sign(loop, rig.spec, lever, self._guard.gyro_bias)
         lever, begin, loop.lever = rig.drive.angle(), loop.due, at_zero
         loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
         self._say(events.Contact.of(current_ma=1e3 * contact.current))
