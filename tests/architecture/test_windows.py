@@ -56,6 +56,7 @@ def without_posix(lines: str, folder: Path) -> "subprocess.CompletedProcess[str]
     return subprocess.run([sys.executable, str(script)], cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_commands_without_a_port_run_without_posix_and_all_others_say_wsl(tmp_path: Path) -> None:
     (tmp_path / "make.py").write_text(DECAY)
     subprocess.run([sys.executable, "make.py"], cwd=tmp_path, check=True)

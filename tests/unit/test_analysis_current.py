@@ -57,6 +57,7 @@ def test_it_is_told_on_a_motor_that_stands_under_several_loads(exponent: float, 
     assert holding(exponent, (0.06, 0.12, 0.2, 0.3, 0.4)).whose == whose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0.0, 1.0])
 @pytest.mark.parametrize("duties", [(0.06, 0.12, 0.2, 0.3, 0.4), (0.07, 0.11, 0.15, 0.2, 0.25)])
 def test_what_a_standing_motor_rounds_off_is_in_the_interval(exponent: float, duties: tuple[float, ...]) -> None:

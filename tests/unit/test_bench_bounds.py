@@ -167,6 +167,7 @@ def stall_pull(bench: VirtualBench) -> list[float]:
     return [duty * 3.4 / SPEC.tendons.pulley_radius.value for duty in duties]
 
 
+@pytest.mark.slow
 def test_motors_of_a_run_killed_in_position_mode_hold_what_was_asked_for_and_cannot_pull_much_more(
     tmp_path: Path,
 ) -> None:

@@ -22,6 +22,8 @@ from sinew.solve.programs import configure, program
 from sinew.tune.pretension import _stiffness
 from sinew.twin.parameters import from_rig
 
+pytestmark = pytest.mark.slow
+
 configure()
 P = from_rig(load_rig("paper"))
 GIVEN = (np.linspace(0.0, 2e-3, 5), jax.tree.map(lambda leaf: np.full(5, leaf), P))
