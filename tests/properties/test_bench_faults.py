@@ -69,8 +69,9 @@ def test_without_a_fault_every_reading_is_found_to_be_true(tension_n: Mapping[fl
 
 
 @pytest.mark.slow
-def test_a_packet_in_five_hundred_may_be_lost_and_all_groups_are_recorded(tension_n: Mapping[float, float]) -> None:
-    verdict = judge(scenario("drop:p=0.002", interrupt_s=math.inf), tension_n)
+def test_a_packet_in_a_thousand_may_be_lost_and_all_groups_are_recorded(tension_n: Mapping[float, float]) -> None:
+    # Of seven packets a cycle: 0.7 % of the rows in the mean, where a group may lack 2 %.
+    verdict = judge(scenario("drop:p=0.001", interrupt_s=math.inf), tension_n)
     assert (verdict.outcome, verdict.violations) == ("complete", [])
 
 

@@ -12,6 +12,7 @@ the bench, as the twin finds them; the loop then corrects what the plate's tilt 
 import itertools
 import math
 import operator
+import statistics
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -413,24 +414,32 @@ _GIVES_DEG = 1.0  # of tilt, if the others stayed where they are; an acceleromet
 _GIVES_S, _SEES_S = 0.1, 0.15
 _RISES = 0.2  # of that, at least, for the plate to have risen
 _BESIDE = math.radians(30.0)  # of 90° between four tendons
+_STANDS = 0.5 * math.radians(_GIVES_DEG)  # a plate that sways by more tells nothing of where it rises
 
 
 def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
     """Have each tendon give way a little and raise LostError where the head plate rises elsewhere: it names tendons
     that answer to each other's commands, a board that is turned, and the key of the rig.
 
-    The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad].
+    The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad]. Of a head that still sways nothing
+    is said here: levelling watches itself.
     """
     tendons = rig.spec.tendons
     give = math.radians(_GIVES_DEG) * tendons.head_radius.value / loop.pulley_radius
     turns = [math.tau * i / tendons.count for i in range(tendons.count)]
     stood = list(loop.cycle().tendon_rad)
-    level_at, rises = _seen_tilt(loop, goals), []
+    level_at, swayed = _seen_tilt(loop, goals)
+    if swayed > _STANDS:
+        return
+    rises = []
     for index in range(tendons.count):
         loop.set_goals([stood[i] - give if i == index else goal for i, goal in enumerate(goals)])
-        y, z = _seen_tilt(loop, loop.watch.goals)
+        (y, z), sways = _seen_tilt(loop, loop.watch.goals)
         rises.append((level_at[1] - z, y - level_at[0]))  # along y and z of the plate's highest point
-    _seen_tilt(loop, goals)
+        swayed = max(swayed, sways)
+    back, sways = _seen_tilt(loop, goals)
+    if max(swayed, sways, math.dist(back, level_at)) > _STANDS:
+        return
     still = [i for i, rise in enumerate(rises) if math.hypot(*rise) < _RISES * math.radians(_GIVES_DEG)]
     if still:
         raise LostError(
@@ -462,14 +471,15 @@ def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
     )
 
 
-def _seen_tilt(loop: Loop, goals: Sequence[float]) -> Tilt:
-    """Return the mean tilt of the plate about y and z [rad] a moment after the motors got goals [rad]."""
+def _seen_tilt(loop: Loop, goals: Sequence[float]) -> tuple[Tilt, float]:
+    """Return the mean tilt of the plate about y and z [rad] a moment after the motors got goals [rad], and the standard
+    deviation of its samples [rad]."""
     loop.set_goals(goals)
     loop.run(_GIVES_S)
     seen = [tilt for sample in loop.run(_SEES_S) if (tilt := rest_tilt(sample)) is not None]
     if not seen:
         raise LostError("no reading of the IMU came while the tendons were looked at; check its cable")
-    return _mean(seen)
+    return _mean(seen), math.hypot(*(statistics.pstdev(axis) for axis in zip(*seen, strict=True)))
 
 
 def _board_advice(turned: float, axes: Sequence[str]) -> str:
