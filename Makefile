@@ -23,8 +23,7 @@ serve: $(VENV)/.serve ## the dashboard with an emulated bench, in the browser (R
 	$(BIN)/sinew serve --emulate --runs $(RUNS)
 
 answers: reproduce ## the paper's open questions asked of that campaign: out/reproduce/answers.html
-	$(BIN)/sinew answer $(OUT)/recording.nc --out $(OUT)
-	$(BIN)/sinew report $(OUT)
+	$(BIN)/sinew report $(OUT) --answers
 
 wheel: $(VENV)/.dev ## sdist and wheel in dist/, tried in an empty environment of each of PYTHONS="python3.11 ..." (some minutes each)
 	$(BIN)/python tools/try_wheel.py $(PYTHONS)
@@ -51,16 +50,17 @@ test-long: $(VENV)/.dev ## the longest proofs: intervals counted over whole camp
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
 
-check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree, spelling
+check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree, the budget, spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_links.py
 	$(BIN)/python tools/check_hosts.py
+	$(BIN)/python tools/check_budget.py
 	$(BIN)/codespell
 
-bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run; beams beside finite elements
+bench: $(VENV)/.dev ## one table of work beside its peer: solve_ivp, MuJoCo, dynamixel-sdk, pyFRF, PySINDy, pyHarm-os, SoRoMoX
 	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
 	$(BIN)/python -m benchmarks
 
@@ -72,7 +72,7 @@ peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with
 
 campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes wrong: fault x outcome (about 15 min)
 	$(BIN)/python -m campaigns.faults --runs 500 --seed 0 --workers 2 --out out/campaigns/faults.json
-	$(BIN)/python -m campaigns.hostile --runs 300 --seed 0 --workers 2 --out out/campaigns/hostile.json
+	$(BIN)/python -m campaigns.faults --hostile --runs 300 --seed 0 --workers 2 --out out/campaigns/hostile.json
 
 docs: $(VENV)/.dev ## the documentation as HTML in docs/_build; every example of the gallery is run anew
 	rm -rf docs/gallery
@@ -80,7 +80,7 @@ docs: $(VENV)/.dev ## the documentation as HTML in docs/_build; every example of
 	@echo "docs/_build/index.html"
 
 pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce` and of the tutorial's own commands
-	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --force --out $(OUT)/figures/sweep.webp
+	$(BIN)/sinew report $(OUT) --film sweep --pretension-mm 4
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
 	$(BIN)/sinew modes paper --force --out docs/pictures/space.png

@@ -1,60 +1,33 @@
-"""The command of the benchmarks: all by `make bench`, one by `python -m benchmarks bus --seconds 20`."""
+"""The command of the benchmarks: all in one table by `make bench`, one by `python -m benchmarks bus --seconds 20`.
+
+Each row has Sinew and a peer on the same computer in the same run. A peer that is not installed is named as skipped.
+"""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
-from benchmarks import (
-    arm,
-    bent_speed,
-    broadband_speed,
-    bus_loop,
-    commands,
-    design,
-    gpu,
-    identify_speed,
-    mujoco_model,
-    prediction,
-    recording_speed,
-    rod,
-    run_index,
-    serve,
-    sliders,
-    solid_cylinder,
-    sweep_fit,
-    swing_speed,
-    twin_speed,
-)
+from benchmarks import broadband_speed, bus_loop, gpu, prediction, sweep_fit, swing_speed, table, twin_speed
 
-PARTS: dict[str, Callable[[Sequence[str]], None]] = {
-    "twin": lambda _: twin_speed.main(),
-    "bus": bus_loop.main,
-    "commands": lambda _: commands.main(),
-    "broadband": lambda _: broadband_speed.main(),
-    "recording": lambda _: recording_speed.main(),
-    "sweep": sweep_fit.main,
-    "identify": identify_speed.main,
-    "prediction": lambda _: prediction.main(),
-    "design": design.main,
-    "gpu": gpu.main,
-    "sliders": sliders.main,
-    "solid": lambda _: solid_cylinder.main(),
-    "rod": lambda _: rod.main(),
-    "bent": lambda _: bent_speed.main(),
-    "mjcf": mujoco_model.main,
-    "swing": lambda _: swing_speed.main(),
-    "arm": arm.main,
-    "runs": run_index.main,
-    "serve": serve.main,
+PARTS: dict[str, Callable[[Sequence[str]], Iterable[table.Row]]] = {
+    "twin": lambda _: twin_speed.rows(),
+    "bus": bus_loop.rows,
+    "broadband": lambda _: broadband_speed.rows(),
+    "sweep": lambda _: sweep_fit.rows(),
+    "prediction": lambda _: prediction.rows(),
+    "swing": lambda _: swing_speed.rows(),
+    "gpu": gpu.rows,
 }
 
 
 def main() -> None:
-    """Run the benchmark that is named, with its options, or all, and print their tables."""
+    """Run the benchmark that is named, with its options, or all, and print the table."""
     asked = sys.argv[1:2]
     if asked and asked[0] not in PARTS:
         raise SystemExit(f"found {asked[0]}, expected one of {', '.join(PARTS)}, or nothing for all")
+    print(table.HEADER)
     for name in asked or PARTS:
-        PARTS[name](sys.argv[2:])
+        for row in PARTS[name](sys.argv[2:]):
+            print(row.text(), flush=True)
 
 
 if __name__ == "__main__":

@@ -3,14 +3,15 @@
 import importlib.util
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from sinew.analysis.broadband.spectra import Segmentation, average_pieces, response_of_spectra
+from benchmarks.table import Row
+from sinew.analysis.broadband import Segmentation, average_pieces, response_of_spectra
 
 SAMPLES, SAMPLE_HZ, LENGTH = 4_200_000, 1000, 4096
 Work = Callable[[NDArray[np.float64], NDArray[np.float64]], Any]
@@ -54,23 +55,19 @@ def _megabytes(work: Work, pair: tuple[NDArray[np.float64], NDArray[np.float64]]
     return peak / 1e6
 
 
-def main() -> None:
-    """Print seconds (best of seven, in turn) and memory beyond the records of H1 and coherence."""
+def rows() -> Iterator[Row]:
+    """Yield time (best of seven, in turn) and memory beyond the records of H1 and coherence."""
     pair = _records()
-    works: dict[str, Work] = {"sinew": _sinew, "scipy": _scipy}
-    if importlib.util.find_spec("pyFRF") is None:
-        print("  pyFRF is not installed: skipped")
-    else:
+    works: dict[str, Work] = {"scipy": _scipy}
+    work = f"H1, coherence of {SAMPLES / 1e6:g} M samples"
+    if importlib.util.find_spec("pyFRF") is not None:
         works["pyFRF"] = _pyfrf
-    rounds = [{name: _seconds(work, pair) for name, work in works.items()} for _ in range(7)]
-    best = {name: min(row[name] for row in rounds) for name in works}
-    peak = {name: _megabytes(work, pair) for name, work in works.items()}
-    print(f"H1 and coherence of {SAMPLES / 1e6:g} M samples, segments of {LENGTH}, half overlapping, Hann")
+    every = {"sinew": _sinew} | works
+    rounds = [{name: _seconds(one, pair) for name, one in every.items()} for _ in range(7)]
+    best = {name: min(row[name] for row in rounds) for name in every}
+    peak = {name: _megabytes(one, pair) for name, one in every.items()}
     for name in works:
-        ratios = f"{best['sinew'] / best[name]:.2f} of its time, {peak['sinew'] / peak[name]:.3f} of its memory"
-        print(f"  {name:6} {best[name]:7.3f} s {peak[name]:8.1f} MB   sinew takes {ratios}")
-    print("  wanted: at most 0.5 of pyFRF's time and 0.25 of its memory")
-
-
-if __name__ == "__main__":
-    main()
+        yield Row(work, best["sinew"], name, best[name])
+        yield Row(f"{work}: memory", peak["sinew"], name, peak[name], "MB")
+    if "pyFRF" not in works:
+        yield Row(work, best["sinew"], "pyFRF", None, note="skipped: not installed")

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.table import Row
 from sinew.measure.errors import SpecError
 from sinew.measure.tasks import DEVICE, DEVICES
 from sinew.paper.numbers import observe
@@ -54,8 +55,8 @@ def measure(counts: Sequence[int]) -> dict[str, Any]:
     return found
 
 
-def main(arguments: Sequence[str] = ()) -> None:
-    """Print the time of each batch on the CPU and, where there is one, on the GPU, and how far numbers are apart."""
+def rows(arguments: Sequence[str] = ()) -> list[Row]:
+    """Return the time of each batch on the CPU and, where there is one, on the GPU, and how far numbers are apart."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks gpu", description=__doc__)
     parser.add_argument("--alone", action="store_true", help=f"the device of ${DEVICE} alone, as JSON")
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="sizes of a batch (default: 64 512)")
@@ -66,22 +67,20 @@ def main(arguments: Sequence[str] = ()) -> None:
         except SpecError as error:
             print(error, file=sys.stderr)
             sys.exit(NO_GPU)
-        return
+        return []
     cpu, gpu = (asked(device, given.counts) for device in DEVICES)
     assert isinstance(cpu, dict)
-    print("batches on the CPU and on a GPU, double precision on both:")
+    found = []
     for name, one in cpu.items():
-        line = f"  {name:28} {one['seconds']:8.2f} s on the CPU, {one['cpu_s']:.2f} s of processor"
-        if isinstance(gpu, dict):
-            other = gpu[name]
-            apart = np.abs(np.array(other["values"]) / np.where(one["values"], one["values"], 1.0) - 1)
-            far = apart[np.isfinite(apart).all(axis=1)].max(axis=1, initial=0.0)
-            line += f"; {other['seconds']:8.2f} s on the GPU, {one['seconds'] / other['seconds']:.1f} times as fast; "
-            close = f"{np.mean(far < _ALIKE):.1%} within {_ALIKE:g}, the farthest {far.max(initial=0.0):.1e} apart"
-            line += f"numbers ({other['kind']}): {close}"
-        print(line)
-    if not isinstance(gpu, dict):
-        print(f"  the GPU's figure is missing: {gpu}")
+        if not isinstance(gpu, dict):
+            found.append(Row(f"{name}, CPU", one["seconds"], "GPU", None, "s", f"the GPU's figure is missing: {gpu}"))
+            continue
+        other = gpu[name]
+        apart = np.abs(np.array(other["values"]) / np.where(one["values"], one["values"], 1.0) - 1)
+        far = apart[np.isfinite(apart).all(axis=1)].max(axis=1, initial=0.0)
+        close = f"{np.mean(far < _ALIKE):.1%} within {_ALIKE:g}, the farthest {far.max(initial=0.0):.1e} apart"
+        found.append(Row(f"{name}, GPU", other["seconds"], "CPU", one["seconds"], "s", close))
+    return found
 
 
 def asked(device: str, counts: Sequence[int]) -> dict[str, Any] | str:
@@ -96,4 +95,4 @@ def asked(device: str, counts: Sequence[int]) -> dict[str, Any] | str:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    rows(sys.argv[1:])

@@ -7,28 +7,31 @@ do not have. SoRoMoX has the same strains; MuJoCo has rigid pieces on six spring
 takes the largest step of a few with which it is stable. How fast the head swings to and fro in torsion tells that it
 is the same joint.
 
-Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code. A
-first call traces and compiles too; of ours what is kept is not done again: begin with an empty folder SINEW_CACHE.
-XLA has one thread, SoRoMoX's as ours: with more both take longer.
+Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code; each
+is timed once it is compiled. XLA has one thread, SoRoMoX's as ours: with more both take longer.
 """
 
 import importlib.util
 import time
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.peers import PeerSilentError, told_by
-from benchmarks.rod import bare
+from benchmarks.table import Row
 from sinew.measure.arrays import Array
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.rod import straight
 from sinew.mechanics.space import Space, space_at_rest
-from sinew.solve import swing
+from sinew.plan.toml import load_rig
+from sinew.solve import march
 from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.solve.programs import configure
 from sinew.solve.spatial import linear_equations, slow_down
+from sinew.twin.parameters import space_from_rig
 
 SAMPLE_S = 0.005
 SECONDS = 1.0
@@ -38,17 +41,37 @@ HEAD_LENGTH_M = 0.06
 PIECES = 8
 STEPS_S = (2.5e-3, 1.25e-3, 1e-3, 5e-4)
 """Of which SoRoMoX takes the longest in which it is stable [s]."""
-WANTED = 10.0
+
+
+class Bare(NamedTuple):
+    """A rod without tendons, of plain numbers, and what sits on it."""
+
+    space: Space
+    shear_modulus: float
+    radius: float
+    density: float
+
+
+def bare() -> Bare:
+    """Return the paper's rod, elastic, shear unreduced as the peer's, without weight."""
+    rig = load_rig("paper")
+    space = space_from_rig(rig)
+    joint = space.rod.joint
+    radius = float(np.sqrt(2 * joint.torsional_rigidity / joint.axial_rigidity))
+    shear_modulus = float(joint.axial_rigidity) / (np.pi * radius**2)
+    density = float(space.rod.line_mass) / (np.pi * radius**2)
+    elastic = joint._replace(prony_shares=tuple(0.0 * g for g in joint.prony_shares))
+    rod = space.rod._replace(joint=elastic, shear=joint.axial_rigidity)
+    space = space._replace(rod=rod, weight=jnp.zeros(3))
+    return Bare(jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), space), shear_modulus, radius, density)
 
 
 class Swung(NamedTuple):
     """How fast a simulation was. speed: simulated seconds per second of a core, of all lanes together; torsion: of the
-    head at the samples [rad]; first_s: seconds of a core
-    that the first call took, with tracing and compiling."""
+    head at the samples [rad]."""
 
     speed: float
     torsion: Array
-    first_s: float | None = None
 
     @property
     def frequency_hz(self) -> float:
@@ -94,19 +117,17 @@ def ours(space: Space, lanes: int) -> Swung:
         rate[:, 0, 0], rate[:, 2, 0] = SPIN, SWAY
         states = states._replace(q_rate=jax.numpy.asarray(rate))
         torsion, begin = [], time.process_time()
-        for first in range(0, round(SECONDS / SAMPLE_S), swing.CHUNK):
-            count = min(swing.CHUNK, round(SECONDS / SAMPLE_S) - first)
+        for first in range(0, round(SECONDS / SAMPLE_S), march.CHUNK):
+            count = min(march.CHUNK, round(SECONDS / SAMPLE_S) - first)
             times = np.float64(first * SAMPLE_S), np.float64(SAMPLE_S)
-            states, seen = swing._chunk(many, states, *times, np.int64(count), np.int64(STEPS_PER_SAMPLE))
+            states, seen = march._chunk(many, states, *times, np.int64(count), np.int64(STEPS_PER_SAMPLE))
             columns = np.asarray(seen)[:count, 0, :9]
             torsion.append(np.arctan2(columns[:, 5] - columns[:, 7], columns[:, 4] + columns[:, 8]))
         return time.process_time() - begin, np.concatenate(torsion)
 
-    begin = time.process_time()
-    run()
-    first = time.process_time() - begin
+    run()  # compiles
     seconds, torsion = run()
-    return Swung(lanes * SECONDS / seconds, torsion, first)
+    return Swung(lanes * SECONDS / seconds, torsion)
 
 
 def chain_xml(asked: dict[str, Any], step_s: float) -> str:
@@ -154,16 +175,10 @@ def mujocos(asked: dict[str, Any], step_s: float) -> Swung:
     return Swung(SECONDS / (time.process_time() - begin), np.array(torsion))
 
 
-def _row(name: str, found: Swung, fastest: float | None = None) -> None:
-    beside = "" if fastest is None else f", ours {fastest / found.speed:6.1f} times"
-    made = "" if found.first_s is None else f", first call {found.first_s:.1f} s"
-    print(f"  {name:52} {found.speed:9.3f} simulated s per s of a core, {found.frequency_hz:.4f} Hz{beside}{made}")
-
-
-def main() -> None:
-    """Print simulated seconds per second of the joint in space and of its peers."""
+def rows() -> Iterator[Row]:
+    """Yield the seconds of a core for a simulated second of a lane, beside the peers'."""
     configure()
-    mine = bare(head=True)
+    mine = bare()
     head = cylinder_head(mine.space)
     asked = {
         "length": float(mine.space.rod.joint.length),
@@ -177,32 +192,28 @@ def main() -> None:
         "sample_s": SAMPLE_S,
     }
     space = joint_of(mine.space, head)
-    print("a rod with a head, twisting and bending, each once it is compiled")
-    own = {lanes: ours(space, lanes) for lanes in (1, swing.LANES)}
-    for lanes, found in own.items():
-        _row(f"ours, {lanes} lanes, 1.25 ms", found)
+    one, many = (ours(space, lanes) for lanes in (1, march.SPACE_LANES))
+    work = "a rod with a head, a simulated second"
     peers: list[tuple[str, dict[str, Any]]] = [
-        ("SoRoMoX, the same strains, 1 lane", {"peer": "soromox", "order": 2, "lanes": 1, "steps_s": STEPS_S}),
-        ("PyElastica, 10 elements, 0.1 ms", {"peer": "elastica", "elements": 10, "step_s": 1e-4}),
-        ("PyElastica, 20 elements, 0.05 ms", {"peer": "elastica", "elements": 20, "step_s": 5e-5}),
+        ("SoRoMoX, the same strains", {"peer": "soromox", "order": 2, "lanes": 1, "steps_s": STEPS_S}),
+        ("PyElastica, 10 elements", {"peer": "elastica", "elements": 10, "step_s": 1e-4}),
+        ("PyElastica, 20 elements", {"peer": "elastica", "elements": 20, "step_s": 5e-5}),
     ]
     for name, more in peers:
         try:
             told = told_by("peer_swing.py", {**asked, **more}, timeout_s=580)
         except PeerSilentError as error:
-            print(f"  {name}: skipped, {error}")
+            yield Row(work, 1 / one.speed, name, None, "s", f"skipped: {error}")
             continue
-        lanes = more.get("lanes", 1)
-        found = Swung(lanes * SECONDS / told["seconds"], np.array(told["torsion"]), told["compiled_s"])
-        _row(f"{name}, {1e3 * told['step_s']:g} ms" if "step_s" in told else name, found, own[1].speed)
-        if more["peer"] == "soromox":
-            print(f"    (wanted: ours at least {WANTED:g} times; with {swing.LANES} lanes "
-                  f"{own[swing.LANES].speed / found.speed:.0f} times its one)")  # fmt: skip
+        yield _beside(work, one, name, Swung(SECONDS / told["seconds"], np.array(told["torsion"])))
     if importlib.util.find_spec("mujoco") is None:
-        print("  MuJoCo is not installed: skipped")
+        yield Row(work, 1 / one.speed, "MuJoCo", None, "s", "skipped: not installed")
         return
-    _row(f"MuJoCo, {PIECES} pieces on six springs, RK4 0.5 ms", mujocos(asked, 5e-4), own[1].speed)
+    chain = mujocos(asked, 5e-4)
+    yield _beside(work, one, f"MuJoCo, {PIECES} pieces, RK4 0.5 ms", chain)
+    yield _beside(f"{work} of one of {march.SPACE_LANES} lanes", many, f"MuJoCo, {PIECES} pieces, RK4 0.5 ms", chain)
 
 
-if __name__ == "__main__":
-    main()
+def _beside(work: str, one: Swung, name: str, other: Swung) -> Row:
+    note = f"torsion at {one.frequency_hz:.4f} and {other.frequency_hz:.4f} Hz"
+    return Row(work, 1 / one.speed, name, 1 / other.speed, "s", note)

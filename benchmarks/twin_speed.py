@@ -8,8 +8,7 @@ integrates a leaner model, that of `sinew model --no-sway` without memory and ge
 import importlib.util
 import os
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
 
 import jax
 import jax.flatten_util
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from benchmarks.table import Row, best_of
 from sinew.mechanics.joint import rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
@@ -30,21 +30,12 @@ from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 SAMPLE_HZ = 200.0
 SECONDS = 5.0
-_STABLE = 0.1  # of the amplitude: MuJoCo begins a motion anew that runs away
+_WORK = "the twin, a simulated second of a lane"
 
 
 def _groups(count: int) -> list[Group]:
     frequency = np.linspace(1.5, 6.0, count)
     return [Group("steady", float(i % 13), float(f), 20.0, 0, SECONDS - 1, 1.0) for i, f in enumerate(frequency)]
-
-
-def _best_of(runs: int, work: Callable[[], Any]) -> tuple[float, Any]:
-    best, result = np.inf, None
-    for _ in range(runs):
-        start = time.perf_counter()
-        result = work()
-        best = min(best, time.perf_counter() - start)
-    return best, result
 
 
 def _amplitude(torsion: NDArray[np.float64]) -> float:
@@ -72,7 +63,7 @@ def _scipy_lane(group: Group, rig: RigSpec, rtol: float) -> tuple[float, float]:
     return time.perf_counter() - start, _amplitude(solution.y[0])
 
 
-def _against_scipy(rig: RigSpec, twin_cost: float) -> None:
+def _against_scipy(rig: RigSpec, twin_cost: float) -> Iterator[Row]:
     groups = [Group("steady", 6.0, 3.6, 20.0, 0, SECONDS - 1, 1.0)]
     lanes = lane_parameters(groups, rig)
     fine = _amplitude(simulate_tracks(lanes, groups, SAMPLE_HZ, steps=32)[0].torsion)
@@ -82,10 +73,8 @@ def _against_scipy(rig: RigSpec, twin_cost: float) -> None:
         error = abs(amplitude / fine - 1)
         if error <= max(ours, 1e-4):
             break
-    cost = seconds / SECONDS
-    print(f"  solve_ivp RK45 rtol {rtol:g}   {cost * 1e3:9.2f} ms per simulated second, amplitude error {error:.1e}")
-    print(f"  twin                     {twin_cost * 1e3:9.2f} ms per simulated second, amplitude error {ours:.1e}")
-    print(f"  ratio {cost / twin_cost:.0f} (wanted: at least 50)")
+    note = f"errors of the amplitude {ours:.1e} and {error:.1e}; wanted: at least 50 times"
+    yield Row(_WORK, 1e3 * twin_cost, f"solve_ivp RK45, rtol {rtol:g}", 1e3 * seconds / SECONDS, "ms", note)
 
 
 def _rollout(rig: RigSpec, groups: list[Group], step_s: float, integrator: str) -> tuple[float, NDArray[np.float64]]:
@@ -108,53 +97,37 @@ def _rollout(rig: RigSpec, groups: list[Group], step_s: float, integrator: str) 
     control = np.zeros((len(groups), steps, models[0].nu))
     control[..., -1] = [np.radians(20) * np.sin(2 * np.pi * g.frequency_hz * time_s) for g in groups]
     datas = [mujoco.MjData(models[0]) for _ in range(threads)]
-    seconds, (states, _) = _best_of(2, lambda: rollout.rollout(models, datas, start, control, nstep=steps))
+    seconds, (states, _) = best_of(2, lambda: rollout.rollout(models, datas, start, control, nstep=steps))
     place = 1 + models[0].jnt_qposadr[models[0].joint("twist0").id]  # after the time
     torsion = states[:, -round(1 / step_s) :, place]
     return seconds, np.ptp(torsion, axis=1) / 2
 
 
-def _against_mujoco(rig: RigSpec, twin_cost: float) -> None:
+def _against_mujoco(rig: RigSpec, twin_cost: float) -> Iterator[Row]:
     if importlib.util.find_spec("mujoco") is None:
-        print("  MuJoCo is not installed: skipped")
+        yield Row(_WORK, 1e3 * twin_cost, "MuJoCo", None, "ms", "skipped: not installed")
         return
     step_s = 1 / SAMPLE_HZ / STEPS_PER_SAMPLE
     groups = _groups(26)
     _, fine = _rollout(rig, groups, step_s / 8, "RK4")
-    ratios = []
     for label, integrator, step in (
         ("RK4, the twin's step", "RK4", step_s),
         ("implicitfast, the twin's step", "IMPLICITFAST", step_s),
         ("implicitfast, a quarter of it", "IMPLICITFAST", step_s / 4),
     ):
         seconds, amplitude = _rollout(rig, groups, step, integrator)
-        cost = seconds / (SECONDS * len(groups))
-        error = np.max(np.abs(amplitude / fine - 1))
-        ratios.append(cost / twin_cost if step == step_s and error < _STABLE else np.inf)
-        print(
-            f"  {label:31} {cost * 1e3:6.2f} ms per simulated second, error {error:.1e}, ratio {cost / twin_cost:.1f}"
-        )
-    print(f"  {min(ratios):.1f} times MuJoCo's cheapest that runs stably at the same step (wanted: at least 10)")
+        note = f"error of the amplitude {np.max(np.abs(amplitude / fine - 1)):.1e}"
+        yield Row(_WORK, 1e3 * twin_cost, f"MuJoCo, {label}", 1e3 * seconds / (SECONDS * len(groups)), "ms", note)
 
 
-def main() -> None:
-    """Print the twin's cost per simulated second beside its peers'."""
+def rows() -> Iterator[Row]:
+    """Yield the twin's cost per simulated second beside its peers'; of MuJoCo's stable ones at least 10 times."""
     use_all_cores()
     rig = load_rig("paper")
     groups = _groups(1040)
     lanes = lane_parameters(groups, rig)
-    start = time.perf_counter()
     simulate_tracks(lanes, groups, SAMPLE_HZ)
-    first = time.perf_counter() - start
-    seconds, _ = _best_of(3, lambda: simulate_tracks(lanes, groups, SAMPLE_HZ))
+    seconds, _ = best_of(3, lambda: simulate_tracks(lanes, groups, SAMPLE_HZ))
     cost = seconds / (SECONDS * len(groups))
-    print(f"twin: {len(groups)} lanes of {SECONDS:g} s on {os.cpu_count()} cores")
-    print(f"  first call {first:.2f} s, then {seconds:.2f} s, {cost * 1e3:.2f} ms per simulated second")
-    print("against scipy.integrate.solve_ivp, same equations, one lane after the other")
-    _against_scipy(rig, cost)
-    print(f"against mujoco.rollout on {os.cpu_count()} threads, a leaner model of the same joint")
-    _against_mujoco(rig, cost)
-
-
-if __name__ == "__main__":
-    main()
+    yield from _against_scipy(rig, cost)
+    yield from _against_mujoco(rig, cost)

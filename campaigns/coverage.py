@@ -7,25 +7,93 @@ share of 90 % intervals that hold the truth, stated over true standard deviation
 standard deviation by the paper's method is. Seeded.
 """
 
-import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from benchmarks.sweep_fit import CUBIC, sweep_record
 from scipy.optimize import least_squares
-from scipy.signal import find_peaks, savgol_filter
+from scipy.signal import find_peaks
 
-from campaigns.stretches import response_points
+from campaigns.options import campaign_parser, conclude
 from sinew.analysis.decay.ring_down import analyse_ring_down
-from sinew.analysis.sweep.resonance import find_peak
+from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.record import make_record
-from sinew.identify.stepped.curves import peak_of_response
-from sinew.identify.stepped.fit import fit_response
-from sinew.identify.stepped.points import ResponsePoints
-from sinew.measure.arrays import Array
+from sinew.identify.oscillator.record import Record, make_record
+from sinew.identify.stepped.fit import fit_response, peak_of_response
+from sinew.identify.stepped.points import ResponsePoints, make_points, turned
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.estimate import Estimate
+
+# Points of a stepped sine from its steady stretches in time, one stretch a point.
+
+_PADDING = 8
+_PLAIN, _PER_PAIR = 24.0, 4.0  # degrees of freedom of a scatter read off twelve lines; of each pair of sidebands
+
+
+def response_points(records: Sequence[Record]) -> tuple[ResponsePoints, ...]:
+    """Return the points that steady stretches hold, one stretch a point, those of one group together.
+
+    records: each driven by one frequency, its transient gone. Fundamental and harmonics 2 to 5 of input and output are
+    fitted by least squares to the samples; the scatter is what the residual holds near the fundamental
+    (`sinew.analysis.signal.harmonics`), so slow drift, colour and a rest of the transient are in it. The records'
+    `output_delay_s` is undone.
+    """
+    known = np.array([_dominant(record) for record in records])
+    sizes = np.array([record.size for record in records])
+    h, scatter = np.empty(sizes.size, dtype=complex), np.empty((sizes.size, 2, 2))
+    amplitude, freedom = np.empty(sizes.size), np.empty(sizes.size)
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size).tolist()
+        batch = _batch([records[i] for i in rows], known[rows])
+        h[rows], scatter[rows], amplitude[rows], freedom[rows] = batch
+    found = []
+    for group in dict.fromkeys(record.group for record in records):
+        mine = [i for i, record in enumerate(records) if record.group == group]
+        first = records[mine[0]]
+        made = make_points(
+            known[mine],
+            h[mine],
+            scatter[mine],
+            amplitude[mine],
+            excitation=first.excitation,
+            output_unit=first.output_unit,
+            input_unit=first.input_unit,
+            group=group,
+            scatter_freedom=float(freedom[mine].min()),
+        )
+        found.append(made)
+    return tuple(found)
+
+
+def _batch(records: Sequence[Record], frequency: Array) -> tuple[Complexes, Array, Array, Array]:
+    """Return response, its covariance (s, 2, 2), input amplitude and degrees of freedom of records of one length."""
+    time = np.stack([record.time_s for record in records])
+    fitted = fit_harmonics(time, np.stack([np.stack([one.output, _driven(one)]) for one in records]), frequency)
+    late = np.exp(2j * np.pi * frequency * np.array([record.output_delay_s for record in records]))
+    response = fitted.coefficient[:, 0, 0] / fitted.coefficient[:, 1, 0] * late
+    relative = np.stack(relative_noise(fitted, 0, 1), axis=1)
+    pairs = np.isfinite(fitted.sidebands[:, 0, :, 0]).sum(axis=1)
+    freedom = np.where(pairs < 3, _PLAIN, _PER_PAIR * pairs)
+    return response, turned(response, relative), np.abs(fitted.coefficient[:, 1, 0]), freedom
+
+
+def _driven(record: Record) -> Array:
+    assert record.input is not None
+    return np.asarray(record.input - record.input.mean())
+
+
+def _dominant(record: Record) -> float:
+    """Return the frequency of the input [Hz]."""
+    driven, span = _driven(record), float(record.time_s[-1] - record.time_s[0])
+    even = np.linspace(record.time_s[0], record.time_s[-1], driven.size)
+    windowed = np.interp(even, record.time_s, driven) * np.hanning(driven.size)
+    size = _PADDING * driven.size
+    first = float(np.fft.rfftfreq(size, span / (driven.size - 1))[np.argmax(np.abs(np.fft.rfft(windowed, size)))])
+    return refine_frequency(record.time_s, driven, first)
+
+
+# The experiments.
 
 DAMPINGS = (0.05, 0.10, 0.17, 0.25)
 TRIALS = 500
@@ -85,83 +153,46 @@ def decay(damping: float, seed: int) -> tuple[Array, Array]:
     return t, angle + NOISE * rng.standard_normal(t.size)
 
 
-@dataclass(frozen=True)
-class PaperReading:
-    """One way to read section 4.2: "the positive and negative peaks are detected", an exponential through their sizes.
-
-    apart: least distance of two peaks of one sign, in periods. floor: smallest peak, as a share of the largest.
-    smoothed_s: window of a filter over the angle before (cubic Savitzky-Golay), 0 for none.
-    mean_of_rates: ⟨ω⟩ as the mean of π over the spacings, else π over their mean.
-    """
-
-    apart: float = 0.8
-    floor: float = 0.05
-    smoothed_s: float = 0.0
-    mean_of_rates: bool = False
-
-
-PAPER_READINGS = {
-    "paper, as read here": PaperReading(),
-    "  peaks down to 10 % of the largest": PaperReading(floor=0.10),
-    "  peaks down to 2 % of the largest": PaperReading(floor=0.02),
-    "  half a period apart": PaperReading(apart=0.5),
-    "  ⟨ω⟩ as the mean of the rates": PaperReading(mean_of_rates=True),
-    "  angle filtered over 0.1 s before": PaperReading(smoothed_s=0.1),
-}
-"""The first is the one that counts. The paper names no filter but the fusion of the IMU, so peaks are largest samples
-of the angle as measured. A careful author keeps out the false ones, which noise makes around each crest, by asking for
-most of a period between two of a sign, and stops where a peak no longer stands out: 2° of 40°, seven times the noise.
-The others differ from it in one respect each."""
-
-
-def paper_damping(t: Array, angle: Array, reading: PaperReading = PAPER_READINGS["paper, as read here"]) -> float:
+def paper_damping(t: Array, angle: Array) -> float:
     """Return D = λ/⟨ω⟩ (Eq. 7): least squares of A exp(-λt) through the sizes of positive and negative peaks.
 
-    The period, for the distance of peaks, is known from the drive, which excited at resonance.
+    Peaks are largest samples of the angle as measured, for the paper names no filter. A careful author keeps out the
+    false ones, which noise makes around each crest, by asking for most of a period (known from the drive) between two
+    of a sign, and stops where a peak no longer stands out: 2° of 40°, seven times the noise.
     """
-    step = float(t[1] - t[0])
     y = angle - angle[t > t[-1] - 1.0].mean()
-    if reading.smoothed_s:
-        y = savgol_filter(y, 2 * round(0.5 * reading.smoothed_s / step) + 1, 3)
-    distance = max(1, round(reading.apart / NATURAL_HZ / step))
-    floor = reading.floor * float(np.abs(y).max())
+    distance = max(1, round(0.8 / NATURAL_HZ / float(t[1] - t[0])))
+    floor = 0.05 * float(np.abs(y).max())
     index = np.sort(np.concatenate([find_peaks(s * y, height=floor, distance=distance)[0] for s in (1.0, -1.0)]))
     size = np.abs(y[index])
-    first = np.array([float(size.max()), 2.0])
 
     def off(p: Array) -> Array:
         return np.asarray(p[0] * np.exp(-p[1] * t[index]) - size)
 
-    rate = least_squares(off, first, method="lm").x[1]
-    spacing = np.diff(t[index])
-    omega = float(np.mean(np.pi / spacing)) if reading.mean_of_rates else float(np.pi / spacing.mean())
-    return float(rate) / omega
+    rate = least_squares(off, np.array([float(size.max()), 2.0]), method="lm").x[1]
+    return float(rate) / float(np.pi / np.diff(t[index]).mean())
 
 
-def ring_down_trials(
-    damping: float, trials: int = TRIALS, seed: int = 0, readings: Sequence[str] = tuple(PAPER_READINGS)
-) -> tuple[dict[str, Coverage], dict[str, Array]]:
+def ring_down_trials(damping: float, trials: int = TRIALS, seed: int = 0) -> tuple[dict[str, Coverage], Array]:
     """Return D and f of the ring-downs by the direct fit and by identification, and D by the paper's method."""
-    direct, identified = [], []
-    paper: dict[str, list[float]] = {name: [] for name in readings}
+    direct, identified, paper = [], [], []
     for k in range(seed, seed + trials):
         t, angle = decay(damping, k)
         direct.append(analyse_ring_down(t, angle))
         identified.append(fit(make_record(t, angle, output_unit="rad"), "linear"))
-        for name in readings:
-            paper[name].append(paper_damping(t, angle, PAPER_READINGS[name]))
+        paper.append(paper_damping(t, angle))
     found = {
         "damping ratio, direct fit": Coverage.of(damping, [one.damping_ratio for one in direct]),
         "natural frequency, direct fit": Coverage.of(NATURAL_HZ, [one.natural_frequency_hz for one in direct]),
         "damping ratio, identified": Coverage.of(damping, [one.damping_ratio for one in identified]),
         "natural frequency, identified": Coverage.of(NATURAL_HZ, [one.natural_frequency_hz for one in identified]),
     }
-    return found, {name: np.array(values) for name, values in paper.items()}
+    return found, np.array(paper)
 
 
 def stepped_sines(damping: float, trials: int = TRIALS, seed: int = 0) -> tuple[ResponsePoints, ...]:
     """Return one stepped sine a trial: a linear joint, torsion over lever, steady stretches of five periods."""
-    records, frequencies = [], []
+    records = []
     for k in range(seed, seed + trials):
         rng = np.random.default_rng([k, round(1000 * damping), 1])
         for f in FREQUENCIES_HZ:
@@ -174,37 +205,18 @@ def stepped_sines(damping: float, trials: int = TRIALS, seed: int = 0) -> tuple[
             records.append(
                 make_record(t, angle, lever, excitation="lever", output_unit="rad", input_unit="rad", group=str(k))
             )
-            frequencies.append(float(f))
-    return response_points(records, frequencies)
+    return response_points(records)
 
 
-def peaks_of(damping: float, found: Sequence[tuple[Estimate, Estimate]], name: str) -> dict[str, Coverage]:
-    """Return the coverage of frequency and gain of the peak."""
+def peak_trials(damping: float, trials: int = TRIALS, seed: int = 0) -> dict[str, Coverage]:
+    """Return frequency and gain of the peak by the fitted mechanics."""
+    peaks = [peak_of_response(fit_response(one, "linear")) for one in stepped_sines(damping, trials, seed)]
     frequency = NATURAL_HZ / np.sqrt(1 - 2 * damping**2)
     gain = SHARE / (2 * damping * np.sqrt(1 - damping**2))
     return {
-        f"peak frequency, {name}": Coverage.of(frequency, [one for one, _ in found]),
-        f"peak gain, {name}": Coverage.of(gain, [one for _, one in found]),
+        "peak frequency": Coverage.of(frequency, [one.frequency_hz for one in peaks]),
+        "peak gain": Coverage.of(gain, [one.gain for one in peaks]),
     }
-
-
-def peak_trials(damping: float, trials: int = TRIALS, seed: int = 0, *, free: bool = True) -> dict[str, Coverage]:
-    """Return frequency and gain of the peak by the fitted mechanics; free: and by the curve that knows none."""
-    sweeps = stepped_sines(damping, trials, seed)
-    peaks = [peak_of_response(fit_response(one, "linear")) for one in sweeps]
-    found = peaks_of(damping, [(one.frequency_hz, one.gain) for one in peaks], "fitted mechanics")
-    return found | (peaks_of(damping, [_free_peak(one) for one in sweeps], "rational curve") if free else {})
-
-
-def _free_peak(points: ResponsePoints) -> tuple[Estimate, Estimate]:
-    h = points.response
-    along = np.stack([h.real, h.imag], axis=1) / np.abs(h)[:, None]
-    across = np.stack([-h.imag, h.real], axis=1) / np.abs(h)[:, None]
-    size, angle = (
-        np.sqrt(np.einsum("ij,ijk,ik->i", way, points.covariance, way)) / np.abs(h) for way in (along, across)
-    )
-    peak = find_peak(points.frequency_hz, h, size, angle)
-    return Estimate.student(*peak.frequency_hz), Estimate.student(*peak.gain)
 
 
 def cubic_trials(trials: int = TRIALS, seed: int = 0, duration_s: float = 60.0) -> Coverage:
@@ -213,57 +225,48 @@ def cubic_trials(trials: int = TRIALS, seed: int = 0, duration_s: float = 60.0) 
     return Coverage.of(CUBIC, [fit(record, "cubic").parameters["cubic_n_m_per_rad3"] for record in records])
 
 
-def _print_ring_downs(trials: int, seed: int, dampings: Sequence[float]) -> None:
-    for damping in dampings:
+def ring_down_lines(trials: int, seed: int) -> Iterator[str]:
+    """Yield the rows of the ring-downs."""
+    for damping in DAMPINGS:
         found, paper = ring_down_trials(damping, trials, seed)
-        print(f" ring-down, D = {damping:g}")
-        for name, row in found.items():
-            print(row.line(name))
-        own = found["damping ratio, direct fit"].value.std(ddof=1)
-        for name, values in paper.items():
-            spread = values.std(ddof=1)
-            print(
-                f"  {name:44} {values.mean():9.5f} {spread:9.2e} {(values.mean() - damping) / spread:+7.2f}"
-                f"    std {spread / own:.1f} times the direct fit's"
-            )
+        yield f" ring-down, D = {damping:g}"
+        yield from (row.line(name) for name, row in found.items())
+        own, spread = found["damping ratio, direct fit"].value.std(ddof=1), paper.std(ddof=1)
+        yield (
+            f"  {'damping ratio, the paper as read here':44} {paper.mean():9.5f} {spread:9.2e}"
+            f" {(paper.mean() - damping) / spread:+7.2f}    std {spread / own:.1f} times the direct fit's"
+        )
 
 
-def _print_peaks(trials: int, seed: int, dampings: Sequence[float]) -> None:
-    for damping in dampings:
-        print(f" stepped sine, D = {damping:g}")
-        for name, row in peak_trials(damping, trials, seed).items():
-            print(row.line(name))
+def peak_lines(trials: int, seed: int) -> Iterator[str]:
+    """Yield the rows of the stepped sines."""
+    for damping in DAMPINGS:
+        yield f" stepped sine, D = {damping:g}"
+        yield from (row.line(name) for name, row in peak_trials(damping, trials, seed).items())
 
 
-def _print_cubic(trials: int, seed: int, _: Sequence[float]) -> None:
+def cubic_lines(trials: int, seed: int) -> Iterator[str]:
+    """Yield the row of the sweep through a hardening joint."""
     found = cubic_trials(trials, seed)
-    print(" sweep through a hardening joint")
-    print(found.line("cubic stiffness [N m/rad³]"))
+    yield found.line("cubic stiffness of a sweep [N m/rad³]")
     error = np.abs(found.value / found.truth - 1)
-    print(
-        f"  error: rms {100 * np.sqrt(np.mean(error**2)):.3f} %, at most 0.3 % in {100 * np.mean(error <= 0.003):.1f} %"
-    )
+    rms, near = np.sqrt(np.mean(error**2)), np.mean(error <= 0.003)
+    yield f"  error: rms {100 * rms:.3f} %, at most 0.3 % in {100 * near:.1f} %"
 
 
-PARTS: dict[str, Callable[[int, int, Sequence[float]], None]] = {
-    "ring-down": _print_ring_downs,
-    "peak": _print_peaks,
-    "cubic": _print_cubic,
-}
+PARTS = {"ring-down": ring_down_lines, "peak": peak_lines, "cubic": cubic_lines}
 
 
 def main() -> None:
     """Print the whole table, or one part of it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = campaign_parser("coverage", __doc__, count=TRIALS, of="trials")
     parser.add_argument("--part", choices=[*PARTS], help="one experiment; all without it")
-    parser.add_argument("--damping", type=float, choices=DAMPINGS, help="one damping ratio; all without it")
-    parser.add_argument("--trials", type=int, default=TRIALS)
-    parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    print(f"{asked.trials} trials each; wanted: bias below 0.25, 86 to 94 % inside")
-    print(f"  {'number':44} {'truth':>9} {'std':>9} {'bias':>7} {'inside':>10} {'stated':>7}")
+    lines = [f"{asked.trials} trials each; wanted: bias below 0.25, 86 to 94 % inside"]
+    lines.append(f"  {'number':44} {'truth':>9} {'std':>9} {'bias':>7} {'inside':>10} {'stated':>7}")
     for name in [asked.part] if asked.part else PARTS:
-        PARTS[name](asked.trials, asked.seed, [asked.damping] if asked.damping else DAMPINGS)
+        lines += PARTS[name](asked.trials, asked.seed)
+    conclude(asked.out, "\n".join(lines), lines)
 
 
 if __name__ == "__main__":

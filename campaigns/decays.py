@@ -22,19 +22,19 @@ reason is what a refusal names, the verdict on the shape (a linear decay is no d
 pendulum does not harden), and a remark on the samples (clipped, frozen, wrapped, gaps) where nothing of it was done.
 """
 
-import argparse
 import re
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from campaigns.options import TWO, spread_of, spread_options, spread_trials
+from campaigns.options import TWO, asked_seeds, campaign_parser, conclude, spread_of, spread_trials
 from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
@@ -162,26 +162,32 @@ def _noisy(rng: np.random.Generator, one: Setting, x: Array, extra: float = 1.0)
     return x + one.offset * extra + one.noise * extra * rng.standard_normal(x.size)
 
 
-def viscous(rng: np.random.Generator, one: Setting) -> Record:
-    damping = draw_damping(rng, most=0.25)
-    t = one.times(periods_of(rng, damping))
+def _fading(
+    rng: np.random.Generator,
+    one: Setting,
+    damping: float,
+    periods: float | None = None,
+    per_period: float | None = None,
+) -> Record:
+    """Return a linear decay with noise. periods: how long it lasts, drawn where it is None; per_period: samples."""
+    t = one.times(periods_of(rng, damping) if periods is None else periods, per_period)
     x = linear(t, one.hz, damping, one.size, one.phase)
     return Record(t, _noisy(rng, one, x), course_of(one.hz, damping), one.size, one.noise)
+
+
+def viscous(rng: np.random.Generator, one: Setting) -> Record:
+    return _fading(rng, one, draw_damping(rng, most=0.25))
 
 
 def short(rng: np.random.Generator, one: Setting) -> Record:
     damping = draw_damping(rng, 0.01, 0.1)
-    t = one.times(rng.uniform(2.5, 4.0))
-    x = linear(t, one.hz, damping, one.size, one.phase)
-    return Record(t, _noisy(rng, one, x), course_of(one.hz, damping), one.size, one.noise)
+    return _fading(rng, one, damping, rng.uniform(2.5, 4.0))
 
 
 def very_long(rng: np.random.Generator, one: Setting) -> Record:
     swings = rng.uniform(1000, 5000)
     damping = rng.uniform(2, 6) / (TURN * swings)
-    t = one.times(swings, rng.uniform(10.5, 14))
-    x = linear(t, one.hz, damping, one.size, one.phase)
-    return Record(t, _noisy(rng, one, x), course_of(one.hz, damping), one.size, one.noise)
+    return _fading(rng, one, damping, swings, rng.uniform(10.5, 14))
 
 
 def two_modes(rng: np.random.Generator, one: Setting) -> Record:
@@ -312,30 +318,23 @@ def wrapped(rng: np.random.Generator, one: Setting) -> Record:
     return Record(t, values, course_of(one.hz, damping), size, noise, unit="deg", done=("wrapped",))
 
 
-def gyroscope(rng: np.random.Generator, one: Setting) -> Record:
+def _derived(rng: np.random.Generator, one: Setting, order: int) -> Record:
+    """Return a derivative of a linear decay, with noise and (of acceleration) gravity."""
     damping = draw_damping(rng)
     t = one.times(periods_of(rng, damping))
-    scale = TURN * one.hz
-    x = linear(t, one.hz, damping, one.size, one.phase, 1)
-    return Record(
-        t,
-        _noisy(rng, one, x, scale),
-        course_of(one.hz, damping),
-        one.size * scale,
-        one.noise * scale,
-        unit="deg/s",
-        is_rate=True,
-    )
+    scale = (TURN * one.hz) ** order
+    x, noise = linear(t, one.hz, damping, one.size, one.phase, order), one.noise * scale
+    values = _noisy(rng, one, x, scale) if order == 1 else x + 9.81 + noise * rng.standard_normal(t.size)
+    unit = "deg/s" if order == 1 else "m/s^2"
+    return Record(t, values, course_of(one.hz, damping), one.size * scale, noise, unit=unit, is_rate=order == 1)
+
+
+def gyroscope(rng: np.random.Generator, one: Setting) -> Record:
+    return _derived(rng, one, 1)
 
 
 def accelerometer(rng: np.random.Generator, one: Setting) -> Record:
-    damping = draw_damping(rng)
-    t = one.times(periods_of(rng, damping))
-    scale = (TURN * one.hz) ** 2
-    x = linear(t, one.hz, damping, one.size, one.phase, 2)
-    noise = one.noise * scale
-    values = x + 9.81 + noise * rng.standard_normal(t.size)
-    return Record(t, values, course_of(one.hz, damping), one.size * scale, noise, unit="m/s^2")
+    return _derived(rng, one, 2)
 
 
 def integers(rng: np.random.Generator, one: Setting) -> Record:
@@ -500,47 +499,40 @@ def _false_reasons(found: RingDown, record: Record) -> tuple[str, ...]:
 
 def table(outcomes: Sequence[Outcome]) -> str:
     """Return the table of kinds, and what went wrong."""
-    head = f"{'kind':22}{'records':>8}{'answers':>9}{'refusals':>9}{'tracebacks':>11}"
-    head += f"{'stated holds':>14}{'noise holds mean':>18}{'false':>7}{'s':>7}"
-    lines = [head]
-    for kind in [*KINDS, "all"]:
-        rows = [one for one in outcomes if kind in (one.kind, "all")]
-        if not rows:
-            continue
-        answers = [one for one in rows if one.stated]
-        shares = [
-            f"{100 * np.mean([held for one in answers for held in getattr(one, name)]):.1f} %" if answers else "-"
-            for name in ("stated", "mean")
-        ]
-        lines.append(
-            f"{kind:22}{len(rows):8}{len(answers):9}{sum(bool(one.refusal) for one in rows):9}"
-            f"{sum(bool(one.fault) for one in rows):11}{shares[0]:>14}{shares[1]:>18}"
-            f"{sum(bool(one.false) for one in rows):7}{np.mean([one.wall_s for one in rows]):7.2f}"
-        )
-    for one in outcomes:
-        if one.fault or one.false:
-            lines.append(f"{one.kind} {one.seed}: {one.fault or '; '.join(one.false)}")
+    rows = {}
+    for kind in [*dict.fromkeys(one.kind for one in outcomes), "all"]:
+        mine = [one for one in outcomes if kind in (one.kind, "all")]
+        held = {name: [hit for one in mine for hit in getattr(one, name)] for name in ("stated", "mean")}
+        rows[kind] = {
+            "records": len(mine),
+            "answers": sum(bool(one.stated) for one in mine),
+            "refusals": sum(bool(one.refusal) for one in mine),
+            "tracebacks": sum(bool(one.fault) for one in mine),
+            "stated holds/%": 100 * np.mean(held["stated"]) if held["stated"] else np.nan,
+            "noise holds mean/%": 100 * np.mean(held["mean"]) if held["mean"] else np.nan,
+            "false": sum(bool(one.false) for one in mine),
+            "s": np.mean([one.wall_s for one in mine]),
+        }
+    lines = [pd.DataFrame.from_dict(rows, orient="index").round(2).to_string(na_rep="-")]
+    wrong = [one for one in outcomes if one.fault or one.false]
+    lines += [f"{one.kind} {one.seed}: {one.fault or '; '.join(one.false)}" for one in wrong]
     refusals = sorted({re.sub(r"[-+]?\d[\d.e+-]*", "#", one.refusal) for one in outcomes if one.refusal})
     return "\n".join([*lines, *(f"refused: {one}" for one in refusals)])
 
 
 def main() -> None:
     """Run the campaign and print its table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=25, help="records of each kind")
+    parser = campaign_parser("decays", __doc__, count=25, of="seeds", numbered=True, workers=TWO, verbose=True)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), help="which kinds")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    spread_options(parser, TWO)
-    parser.add_argument("--each", action="store_true", help="print every record that its interval does not hold")
     asked = parser.parse_args()
-    tasks = [(kind, seed) for kind in asked.kinds for seed in range(asked.first, asked.first + asked.seeds)]
+    tasks = [(kind, seed) for kind in asked.kinds for seed in asked_seeds(asked)]
     outcomes: list[Outcome] = []
     for one in spread_trials(try_one, tasks, spread=spread_of(asked)):
         outcomes.append(one)
         print(f"\r{len(outcomes)} of {len(tasks)}", end="", flush=True)
-        if asked.each and (one.refusal or one.fault or not all(one.stated)):
+        if asked.verbose and (one.refusal or one.fault or not all(one.stated)):
             print(f"\r{one.kind} {one.seed}: {one.refusal or one.fault or one.off}")
-    print("\r" + table(outcomes))
+    conclude(asked.out, "\r" + table(outcomes), list(map(asdict, outcomes)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest mean
 (`EmulatedRig.in_safe_state`). Exit status 1 if something happened that may not.
 """
 
-import json
 import math
 import sys
 import tempfile
@@ -19,19 +18,18 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import pandas as pd
 
-from campaigns.options import TWO, campaign_parser, spread_of, spread_trials
+from campaigns.options import TWO, campaign_parser, conclude, spread_of, spread_trials
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
+from sinew.emulator.bench import EmulatedRig, VirtualPort
 from sinew.emulator.faults import Faults, parse_fault
-from sinew.emulator.found import VirtualPort
-from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.plant import JointPlant
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import StartError
 from sinew.plan.plan import Plan, TendonMode
-from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 from sinew.twin.simulate import rest_tension
 
@@ -78,7 +76,6 @@ class Outcome:
     """
 
     case: Case
-    torsion_deg: float
     frozen_ms: float
     said_ms: float
     rest_ms: float
@@ -123,7 +120,7 @@ class _Port(VirtualPort):
         self.runner: Runner | None = None
         self.due = math.inf if case.phase != "set-up" else case.after_s
         self.asked = self.looked = self.frozen = self.unrest = math.nan
-        self.before = self.after = self.lever = self.torsion = 0.0
+        self.before = self.after = self.lever = 0.0
         self._start_lever = 0.0
         self._recent: list[tuple[float, float]] = []
 
@@ -150,7 +147,7 @@ class _Port(VirtualPort):
         if math.isnan(self.asked):
             self._recent = [*(pair for pair in self._recent if pair[0] > now - 0.5), (now, max(motion.tension))]
             if now >= self.due:
-                self.asked, self.torsion, self._start_lever = now, motion.torsion, motion.drive.angle
+                self.asked, self._start_lever = now, motion.drive.angle
                 self.before = max(tension for _, tension in self._recent)
                 self._go_wrong()
                 runner.steering.request_emergency("emergency stop of the campaign")
@@ -168,7 +165,7 @@ class _Port(VirtualPort):
     def _go_wrong(self) -> None:
         case, emulated = self.case, self.emulated
         if case.fault == DROPPED:
-            self.rig = Faults([parse_fault(DROPPED)], seed=case.number).attach(emulated)
+            Faults(emulated, [parse_fault(DROPPED)], case.number)
         elif case.fault == SILENT:
             silent = list(emulated.motors)[case.number % len(emulated.motors)]
             emulated.line.devices = [device for device in emulated.line.devices if device.id != silent]
@@ -211,14 +208,10 @@ def plan_of(case: Case) -> Plan:
     """)
 
 
-def _rig_of(case: Case) -> RigSpec:
-    spec = load_rig("paper")
-    return spec.model_copy(update={"limits": spec.limits.model_copy(update={"safe_state": case.safe_state})})
-
-
 def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
     """Run a case and return what became of it. tension_n: of each tendon at rest [N], by pretension [mm]."""
-    spec, plan = _rig_of(case), plan_of(case)
+    paper, plan = load_rig("paper"), plan_of(case)
+    spec = paper.model_copy(update={"limits": paper.limits.model_copy(update={"safe_state": case.safe_state})})
     rng = np.random.default_rng(case.number)
     plant = JointPlant(spec, slack_m=rng.uniform(2e-4, 3e-3, spec.tendons.count).tolist(), rest_tilt=(0.01, -0.01))
     emulated = EmulatedRig(spec, plant, seed=case.number)
@@ -250,7 +243,6 @@ def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
         wrong.append("not at rest in the end")
     return Outcome(
         case=case,
-        torsion_deg=math.degrees(port.torsion),
         frozen_ms=1e3 * port.frozen,
         said_ms=math.nan if report.halted_s is None else 1e3 * report.halted_s,
         rest_ms=0.0 if math.isnan(port.unrest) else 1e3 * (port.unrest - port.asked),
@@ -262,32 +254,18 @@ def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """Return the outcomes by phase, by mode, and with or without lost packets, as a Markdown table."""
-    head = "| what | runs | frozen/ms, median | largest | the run says, largest | at rest (hold)/ms, largest |"
-    lines = [f"{head} released/ms, largest | lever went on/°, largest |", "|---|---|---|---|---|---|---|---|"]
-    rows = {f"phase: {name}": [o for o in outcomes if o.case.phase == name] for name in PHASES}
-    rows |= {f"mode: {name}": [o for o in outcomes if o.case.mode == name] for name in get_args(TendonMode)}
-    rows |= {f"{mm:g} mm": [o for o in outcomes if o.case.pretension_mm == mm] for mm in PRETENSIONS_MM}
-    rows |= {state: [o for o in outcomes if o.case.safe_state == state] for state in ("hold", "release")}
-    faults = {"": "nothing goes wrong", DROPPED: "1 packet in 20 is lost", SILENT: SILENT}
-    rows |= {name: [o for o in outcomes if o.case.fault == fault] for fault, name in faults.items()}
-    rows["all"] = list(outcomes)
-    for name, mine in rows.items():
-        if mine:
-            rest = [o.rest_ms for o in mine if o.case.safe_state == "hold"]
-            done = [o.done_ms for o in mine if o.case.safe_state == "release"]
-            said = [o.said_ms for o in mine if not math.isnan(o.said_ms)]
-            frozen = [o.frozen_ms for o in mine]
-            largest = [f"{max(numbers):.0f}" if numbers else "" for numbers in (frozen, said, rest, done)]
-            cells = [
-                name,
-                str(len(mine)),
-                f"{np.median(frozen):.0f}",
-                *largest,
-                f"{max(o.lever_deg for o in mine):.0f}",
-            ]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    """Return the outcomes by phase, mode, pretension, safe state, and with or without lost packets."""
+    rows = pd.DataFrame([asdict(one.case) | asdict(one) for one in outcomes])
+    rows["fault"] = rows["fault"].replace({"": "nothing goes wrong", DROPPED: "1 packet in 20 is lost"})
+    rows["at rest (hold)"] = rows["rest_ms"].where(rows["safe_state"] == "hold")
+    rows["released"] = rows["done_ms"].where(rows["safe_state"] == "release")
+    names = ["frozen_ms", "said_ms", "at rest (hold)", "released", "lever_deg"]
+    by = [rows.groupby(what) for what in ("phase", "mode", "pretension_mm", "safe_state", "fault", lambda _: "all")]
+    parts = [
+        pd.concat([one.size().rename("runs"), one["frozen_ms"].median().rename("median"), one[names].max()], axis=1)
+        for one in by
+    ]
+    return str(pd.concat(parts).round().to_string(na_rep=""))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -296,13 +274,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     cases = [draw_case(given.seed, number) for number in range(given.runs)]
     outcomes = list(spread_trials(partial(play, tension_n=tensions()), cases, spread=spread_of(given)))
-    if given.out is not None:
-        given.out.write_text(json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8")
-    print(table(outcomes))
-    for one in outcomes:
-        for sentence in one.wrong:
-            print(f"!! {one.case}: {sentence}")
-    return 1 if any(one.wrong for one in outcomes) else 0
+    wrong = [f"{one.case}: {sentence}" for one in outcomes for sentence in one.wrong]
+    return conclude(given.out, table(outcomes), list(map(asdict, outcomes)), wrong)
 
 
 if __name__ == "__main__":

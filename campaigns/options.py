@@ -2,9 +2,10 @@
 
 import argparse
 import importlib
+import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,55 +26,46 @@ def campaign_parser(
     workers: int | None = None,
     verbose: bool = False,
 ) -> argparse.ArgumentParser:
-    """Return a parser with how many (`--runs`, or what `of` says), `--seed` and `--out`.
+    """Return a parser with how many (`--runs`, or what `of` says), `--seed` unless seeds are counted, and `--out`.
 
-    numbered: with `--first`, the number of the first one. workers: default of `--workers`; None: without it.
+    numbered: with `--first`, the number or seed of the first one. workers: default of `--workers`; None: without it.
     verbose: with `--verbose`.
     """
-    parser = argparse.ArgumentParser(prog=f"python -m campaigns.{name}", description=about)
+    parser = argparse.ArgumentParser(
+        prog=f"python -m campaigns.{name}", description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(f"--{of}", type=int, default=count, help=f"how many [{count}]")
-    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
+    if of != "seeds":
+        parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
     parser.add_argument("--out", type=Path, help="file for table and results, as JSON")
     if numbered:
         parser.add_argument("--first", type=int, default=0, help="number of the first one [0]")
     if workers is not None:
-        spread_options(parser, workers)
+        parser.add_argument("--workers", type=int, default=workers, help=f"processes [{workers}]")
+        parser.add_argument("--scheduler", help="instead: a Dask scheduler whose workers do it, as tcp://host:8786")
+        parser.add_argument("--keep", type=Path, help="file that keeps outcomes as they come, and is gone on from")
     if verbose:
         parser.add_argument("--verbose", action="store_true", help="a line for each one, on stderr")
     return parser
 
 
-def trial_parser(
-    name: str, about: str | None, *, count: int, of: str, trials: str = "seeds", first: str = "first", workers: int = 0
-) -> argparse.ArgumentParser:
-    """Return a parser with how many trials (`--seeds`, or what `trials` says) and the first seed (`--first`).
-
-    of: what the count counts. workers: default of `--workers`; 0: without it.
-    """
-    parser = argparse.ArgumentParser(
-        prog=f"python -m campaigns.{name}", description=about, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(f"--{trials}", type=int, default=count, help=f"{of} [{count}]")
-    parser.add_argument(f"--{first}", type=int, default=0, help="the first seed [0]")
-    if workers:
-        spread_options(parser, workers)
-    return parser
-
-
-def spread_options(parser: argparse.ArgumentParser, workers: int) -> None:
-    """Add where trials run, and where their outcomes are kept; see `spread_of`."""
-    parser.add_argument("--workers", type=int, default=workers, help=f"processes [{workers}]")
-    parser.add_argument("--scheduler", help="instead: a Dask scheduler whose workers do it, as tcp://host:8786")
-    parser.add_argument("--keep", type=Path, help="file that keeps outcomes as they come, and is gone on from")
+def conclude(out: Path | None, table: str, document: object, wrong: Sequence[str] = ()) -> int:
+    """Print a table and what happened that may not, write both as JSON where a file is asked for; return the status."""
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"table": table, "found": document, "wrong": list(wrong)}, indent=1, default=str)
+        out.write_text(text + "\n", encoding="utf-8")
+    print("\n".join([table, *(f"!! {sentence}" for sentence in wrong)]))
+    return 1 if wrong else 0
 
 
 def spread_of(asked: argparse.Namespace) -> Spread:
-    """Return what the options of `spread_options` stand for."""
+    """Return where trials run, by the options of `campaign_parser`."""
     return Spread(asked.scheduler, 1 if asked.scheduler else asked.workers, asked.keep)
 
 
 def asked_seeds(asked: argparse.Namespace) -> range:
-    """Return the seeds that `--first` and `--seeds` of `trial_parser` stand for."""
+    """Return the seeds that `--first` and `--seeds` stand for."""
     return range(asked.first, asked.first + asked.seeds)
 
 

@@ -1,12 +1,11 @@
-"""What a restructuring must not change: numbers, keys, options and pages, recorded before and compared after.
+"""What a restructuring must not change: numbers and keys, recorded before and compared after.
 
     python -m campaigns.same_numbers record out/before
     python -m campaigns.same_numbers record out/after          (of the other tree)
     python -m campaigns.same_numbers compare out/before out/after
 
 `record` runs the commands of `STEPS` as a user would and keeps what they print with --json and what they write: every
-number of the paper's campaign, predictions, identifications, designs; of a bench in real time the keys alone. Beside
-them it keeps the commands with their options, the routes of the dashboard and the generated reference pages. It takes
+number of the paper's campaign, predictions, identifications, designs; of a bench in real time the keys alone. It takes
 about eight minutes of one core. `compare` prints each number that moved beyond --rtol, each word that changed and each
 key that was lost or added; exit status 1 unless all is the same. What may differ from one run to the next stands in
 `VOLATILE`.
@@ -14,7 +13,6 @@ key that was lost or added; exit status 1 unless all is the same. What may diffe
 
 import argparse
 import csv
-import hashlib
 import json
 import math
 import os
@@ -28,6 +26,7 @@ import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,7 +56,7 @@ What cancels to nearly zero keeps the rounding of what it was made from: at an r
 array's scale is let pass. A number alone is its own array."""
 
 WHOLE = 20_000
-"""Up to so many values an array is kept whole; of a longer one `SAMPLES` of them, its moments and its hash."""
+"""Up to so many values an array is kept whole; of a longer one `SAMPLES` of them, and its moments."""
 
 SAMPLES = 2_000
 
@@ -85,75 +84,56 @@ class Step:
     in_real_time: bool = False
 
 
-_RING = "--output {}:{} --excitation none --json"
+_LINES = r"""
+check-paper: check paper --json
+check-short: check short --json
+reproduce: reproduce --out campaign --json
+simulate: simulate first --seed 3 --out first.nc --json
+simulate-without: simulate first --without repeatability --out bare.nc --json
+analyse: analyse first.nc --out analysed --json
+export: export first.nc --to csv --out first.csv --json
+export-mat: export first.nc --to mat --out first.mat --json
+predict-paper: predict paper --out predicted --json
+predict-current: predict paper --pretension-mm 4 --mode current --backbone --json
+predict-oscillator: predict --oscillator inertia_kg_m2=0.01,frequency_hz=3,damping_ratio=0.05,cubic_n_m_rad3=2 \
+    --torque-n-m 0.3 --backbone --json
+predict-joint: predict --section circle --outer-mm 50 --length-mm 120 --material dragon-skin-30 --pretension-mm 4 \
+    --json
+predict-against: predict paper --pretension-mm 2 --against first.nc --json
+transfer: model paper --to control --pretension-mm 4 --amplitude-deg 5,10,20 --out transfer.json --json
+joint: joint --section annulus --outer-mm 60 --inner-mm 30 --length-mm 95 --out tube.toml --json
+compare: predict paper tube.toml --pretension-mm 4 --json
+tune: tune paper --resonance-hz 3.2,3.6 --yaw-deg 7 --json
+calibrate: calibrate paper first.nc --out mine.toml --json
+predict-bands: predict mine.toml --pretension-mm 4 --bands 20 --json
+identify-cubic: identify first.nc --pretension 2 --model cubic --out fitted --json
+identify-tendon: identify first.nc --model tendon --json
+design: design --stride-hz 0.7:1.1 --yaw-deg 7 --starts 2 --exact 2 --proposals 1 --shape circle --material base \
+    --out designed --json
+answer: report first.nc --answers --out answered --json
+track: track paper --emulate --pretension-mm 4 --duration-s 8 --from-hz 2.7 --out tracked --json
+analyse-beam < silicone_beam_dragonskin10/beam_gravity_V2_a.csv: analyse beam.csv --kind ring-down --time t_s \
+    --response Tip-1_x_m:m --json
+import-beam < silicone_beam_dragonskin10/beam_gravity_V2_a.csv: import beam.csv --kind ring-down --time t_s \
+    --response Tip-1_x_m:m --out beam.nc --json
+identify-beam < silicone_beam_dragonskin10/beam_load52_V2_a.csv: identify beam.csv --time t_s --output Tip-1_x_m:m \
+    --excitation none --json
+identify-pendulum < torsion_spring_pendulum/60.csv: identify pendulum.csv --rate 259.5 --model coulomb --output \
+    angle_deg:deg --excitation none --json
+identify-rod < rotary_pendulum_swing/pendulum_free_swing_data_01.txt: identify rod.csv --rate 1000 --model cubic \
+    --output angle_deg:deg --excitation none --json
+gait-markers < gait_mocap/bmclab_gait_c3d_markers.csv: design --walk markers.csv --gait-only --json
+gait-sensors < qmt_walking_imu/walking.npz: design --walk sensors.npz --gait-only --json
+@doctor: doctor --port bench --json
+@run: run tiny.toml --port bench --out benched --json
+@stop: stop --port bench --json
+"""
+"""A step in a line: its name, of what it reads, its command; `@` before one in real time."""
 
-STEPS = (
-    Step("check-paper", "check paper --json"),
-    Step("check-short", "check short --json"),
-    Step("reproduce", "reproduce --out campaign --json"),
-    Step("simulate", "simulate first --seed 3 --out first.nc --json"),
-    Step("simulate-without", "simulate first --without repeatability --out bare.nc --json"),
-    Step("analyse", "analyse first.nc --out analysed --json"),
-    Step("export", "export first.nc --to csv --out first.csv --json"),
-    Step("export-mat", "export first.nc --to mat --out first.mat --json"),
-    Step("predict-paper", "predict paper --out predicted --json"),
-    Step("predict-current", "predict paper --pretension-mm 4 --mode current --backbone --json"),
-    Step(
-        "predict-oscillator",
-        "predict --oscillator inertia_kg_m2=0.01,frequency_hz=3,damping_ratio=0.05,cubic_n_m_rad3=2 --torque-n-m 0.3"
-        " --backbone --json",
-    ),
-    Step(
-        "predict-joint",
-        "predict --section circle --outer-mm 50 --length-mm 120 --material dragon-skin-30 --pretension-mm 4 --json",
-    ),
-    Step("predict-against", "predict paper --pretension-mm 2 --against first.nc --json"),
-    Step("transfer", "transfer paper --pretension-mm 4 --amplitude-deg 5,10,20 --out transfer.json --json"),
-    Step("joint", "joint --section annulus --outer-mm 60 --inner-mm 30 --length-mm 95 --out tube.toml --json"),
-    Step("compare", "compare paper tube.toml --pretension-mm 4 --json"),
-    Step("tune", "tune paper --resonance-hz 3.2,3.6 --yaw-deg 7 --json"),
-    Step("calibrate", "calibrate paper first.nc --out mine.toml --json"),
-    Step("predict-bands", "predict mine.toml --pretension-mm 4 --bands 20 --json"),
-    Step("identify-cubic", "identify first.nc --pretension 2 --model cubic --out fitted --json"),
-    Step("identify-tendon", "identify first.nc --model tendon --json"),
-    Step(
-        "design",
-        "design --stride-hz 0.7:1.1 --yaw-deg 7 --starts 2 --exact 2 --proposals 1 --shape circle --material base"
-        " --out designed --json",
-    ),
-    Step("answer", "answer first.nc --out answered --json"),
-    Step("gait-numbers", "gait --stride-hz 0.7:1.1 --yaw-deg 7 --out strides --json"),
-    Step("track", "track paper --emulate --pretension-mm 4 --duration-s 8 --from-hz 2.7 --out tracked --json"),
-    Step(
-        "analyse-beam",
-        "analyse beam.csv --kind ring-down --time t_s --response Tip-1_x_m:m --json",
-        "silicone_beam_dragonskin10/beam_gravity_V2_a.csv",
-    ),
-    Step(
-        "import-beam",
-        "import beam.csv --kind ring-down --time t_s --response Tip-1_x_m:m --out beam.nc --json",
-        "silicone_beam_dragonskin10/beam_gravity_V2_a.csv",
-    ),
-    Step(
-        "identify-beam",
-        "identify beam.csv --time t_s " + _RING.format("Tip-1_x_m", "m"),
-        "silicone_beam_dragonskin10/beam_load52_V2_a.csv",
-    ),
-    Step(
-        "identify-pendulum",
-        "identify pendulum.csv --rate 259.5 --model coulomb " + _RING.format("angle_deg", "deg"),
-        "torsion_spring_pendulum/60.csv",
-    ),
-    Step(
-        "identify-rod",
-        "identify rod.csv --rate 1000 --model cubic " + _RING.format("angle_deg", "deg"),
-        "rotary_pendulum_swing/pendulum_free_swing_data_01.txt",
-    ),
-    Step("gait-markers", "gait markers.csv --json", "gait_mocap/bmclab_gait_c3d_markers.csv"),
-    Step("gait-sensors", "gait sensors.npz --json", "qmt_walking_imu/walking.npz"),
-    Step("doctor", "doctor --port bench --json", in_real_time=True),
-    Step("run", "run tiny.toml --port bench --out benched --json", in_real_time=True),
-    Step("stop", "stop --port bench --json", in_real_time=True),
+STEPS = tuple(
+    Step(name.lstrip("@"), command, data, in_real_time=name.startswith("@"))
+    for head, command in (line.split(": ", 1) for line in _LINES.replace("\\\n    ", "").strip().splitlines())
+    for name, _, data in [head.partition(" < ")]
 )
 
 
@@ -168,12 +148,10 @@ def record(folder: Path, only: Sequence[str] = ()) -> bool:
     documents: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
     taken: dict[str, Any] = {"skipped": {}, "failed": {}, "in_real_time": []}
-    if not only:
-        documents |= {"commands": commands(), "dashboard": routes(), "reference": reference_hashes()}
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
         (work / "tiny.toml").write_text(TINY, encoding="utf-8")
-        with _Bench(work) as bench:
+        with ExitStack() as bench:
             for step in steps:
                 if step.data and not (DATA / step.data).is_file():
                     taken["skipped"][step.name] = f"{step.data} is not beside this repository"
@@ -182,7 +160,8 @@ def record(folder: Path, only: Sequence[str] = ()) -> bool:
                 if step.data:
                     _provide(step, work)
                 if step.in_real_time:
-                    documents.setdefault("emulate", bench.document())
+                    if "emulate" not in documents:
+                        documents["emulate"] = bench.enter_context(_bench(work))
                     taken["in_real_time"] += ["emulate", step.name]
                 before = set(work.rglob("*"))
                 began, cpu_s = time.monotonic(), _children_s()
@@ -206,80 +185,17 @@ def record(folder: Path, only: Sequence[str] = ()) -> bool:
     return not taken["failed"]
 
 
-def commands() -> dict[str, dict[str, str]]:
-    """Return what each command's --help lists: its arguments and options with what is said of them."""
-    whole = _sinew("--help").stdout
-    listed = _listed(whole, "Commands")
-    return {"sinew": _options(whole) | listed} | {name: _options(_sinew(name, "--help").stdout) for name in listed}
-
-
-def _options(text: str) -> dict[str, str]:
-    return _listed(text, "Arguments") | _listed(text, "Options")
-
-
-def _listed(text: str, title: str) -> dict[str, str]:
-    """Return the entries below a title of a help page: what stands at an indent of two, and the words beside it."""
-    entries: dict[str, str] = {}
-    block = re.search(rf"^{title}:\n((?:  .*\n)+)", text + "\n", re.MULTILINE)
-    last = ""
-    for line in block[1].splitlines() if block else ():
-        if found := re.match(r"  (\S.*?)(?:\s{2,}(.*))?$", line):
-            last = found[1]
-            entries[last] = found[2] or ""
-        else:
-            entries[last] = f"{entries[last]} {line.strip()}".strip()
-    return entries
-
-
-def routes(source: Path = ROOT / "src") -> dict[str, int]:
-    """Return the dashboard's routes, "page /plan" or "Route /status", and how often each is declared.
-
-    Read from the source, wherever it stands, by the calls that declare them: no bench and no browser is needed.
-    """
-    texts = [path.read_text(encoding="utf-8") for path in sorted(source.rglob("*.py"))]
-    return dict(Counter(" ".join(found) for text in texts for found in _DECLARED.findall(text)))
-
-
-_DECLARED = re.compile(
-    r"""\b(page|Route|WebSocketRoute|Mount|get|post|websocket|mount|add_route|add_api_route)\(\s*f?["'](/[^"']*)"""
-)
-
-
-def reference_hashes() -> dict[str, str]:
-    """Return the hash of each generated page of the reference, as this tree would write it."""
-    code = "import json; from tools.write_reference import reference_pages; print(json.dumps(reference_pages()))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=_environment(), check=True, capture_output=True, text=True
-    )
-    return {name: _hash(text.encode()) for name, text in json.loads(done.stdout).items()}
-
-
-class _Bench:
-    """An emulated bench behind a socket, for the commands that need one; ended with the block."""
-
-    def __init__(self, work: Path) -> None:
-        self._work = work
-        self._process: subprocess.Popen[str] | None = None
-        self._said: Any = None
-
-    def document(self) -> Any:
-        """Begin where that has not happened, and return the document that says that a master can open the port."""
-        if self._said is None:
-            command = [*_entry(), "emulate", "--link", "bench", "--socket", "--seed", "1", "--for", "600", "--json"]
-            self._process = subprocess.Popen(
-                command, cwd=self._work, env=_environment(), stdout=subprocess.PIPE, text=True
-            )
-            assert self._process.stdout is not None
-            self._said = json.loads(self._process.stdout.readline())
-        return self._said
-
-    def __enter__(self) -> "_Bench":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._process is not None:
-            self._process.terminate()
-            self._process.communicate()
+@contextmanager
+def _bench(work: Path) -> Iterator[Any]:
+    """Play a bench behind a port, and give the document that says that a master can open it."""
+    command = [*_entry(), "emulate", "--link", "bench", "--seed", "1", "--for", "600", "--json"]
+    with subprocess.Popen(command, cwd=work, env=_environment(), stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())
+        finally:
+            process.terminate()
+            process.communicate()
 
 
 def _entry() -> list[str]:
@@ -352,9 +268,7 @@ def _take(name: str, values: np.ndarray, arrays: dict[str, np.ndarray]) -> dict[
     """Keep an array, or of a long one an even choice and its moments; return what is a document's."""
     about: dict[str, Any] = {"shape": list(values.shape), "dtype": str(values.dtype)}
     if values.dtype.kind not in "fiub":
-        words = [str(value) for value in values.ravel()]
-        return about | {"sha256": _hash("\n".join(words).encode())} | ({"words": words} if len(words) <= 100 else {})
-    about["sha256"] = _hash(np.ascontiguousarray(values).tobytes())
+        return about | {"words": [str(value) for value in values.ravel()]}
     flat = values.ravel().astype(float)
     if flat.size <= WHOLE:
         arrays[name] = flat
@@ -367,10 +281,6 @@ def _take(name: str, values: np.ndarray, arrays: dict[str, np.ndarray]) -> dict[
 
 def _plain(attributes: Any) -> dict[str, Any]:
     return {str(name): getattr(value, "tolist", lambda value=value: value)() for name, value in attributes.items()}
-
-
-def _hash(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _children_s() -> float:
@@ -493,10 +403,7 @@ def _compare_leaves(one: dict[str, Leaf], other: dict[str, Leaf], rtol: float, t
             if off > rtol:
                 told.moved.append(f"{path}: {value!r} -> {now!r} ({off:.2g})")
         elif value != now or type(value) is not type(now):
-            if path.endswith("/sha256"):
-                told.remarks.append(f"{path.removesuffix('/sha256')}: not the same bytes")
-            else:
-                told.changed.append(f"{path}: {value!r} -> {now!r}")
+            told.changed.append(f"{path}: {value!r} -> {now!r}")
     families = set(map(_family, other))
     told.lost += [f"{family}: {count} fewer" for family, count in short.items() if family in families]
     longer = Counter(_family(path) for path in other.keys() - one.keys())

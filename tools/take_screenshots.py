@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.run_index import make_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 from tests.browser.dashboard import ARGUMENTS, CHROMIUM, IN_SPACE, Served, choose_plan, edit_plan, served
+from tests.experiments.run_index import make_runs
 
 DESK, PHONE = (1360, 860), (390, 844)
 QUALITY = 58
@@ -147,9 +147,9 @@ def take_stops(camera: Camera, base: str) -> None:
 
 
 def take_runs(camera: Camera, base: str) -> None:
-    """Take the list of runs with its trend, two runs beside one another, and the bin."""
+    """Take the list of runs with its trend, and two runs beside one another."""
     page = camera.page
-    page.goto(f"{base}/runs?search=plan:weekly")
+    page.goto(f"{base}/runs?search=weekly")
     page.wait_for_selector("[data-trend] svg")
     camera.take("runs", whole=True)
     page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
@@ -159,24 +159,10 @@ def take_runs(camera: Camera, base: str) -> None:
     page.goto(f"{base}/runs?open=run-0000&open=run-0005")
     page.wait_for_selector("[data-compared]")
     camera.take("runs-compared", whole=True)
-    page.goto(f"{base}/runs")
-    page.wait_for_selector("[data-trend] svg")
-    if page.inner_text("#sinew-take") != "Give control up":
-        page.click("#sinew-take")
-    page.click("[aria-label='choose run-0002']")
-    page.click("#sinew-bin")
-    page.wait_for_selector("[data-asked]")
-    camera.take("runs-bin-asked")
-    page.click("#sinew-bin-sure")
-    page.wait_for_selector("[data-restore]")
-    camera.take("runs-bin", at="[data-restore]")
-
-
-_ARE_REFINED = "!document.querySelector('.sinew-joints').textContent.includes('…')"
 
 
 def take_design(camera: Camera, base: str) -> None:
-    """Take the page Design with two joints that are kept beside the rig as built."""
+    """Take the page Design with a joint that differs from the rig as built."""
     page = camera.page
     page.goto(f"{base}/design")
     page.wait_for_selector("text=Refined")
@@ -184,11 +170,8 @@ def take_design(camera: Camera, base: str) -> None:
         page.fill(f"#sinew-number-{key}", value)
         page.keyboard.press("Tab")
         page.wait_for_timeout(SETTLED_MS)
-        page.wait_for_function(_ARE_REFINED)
-        page.click("#sinew-keep")
-    page.click("#sinew-suggest")
-    page.wait_for_selector("#sinew-use:visible")
-    page.wait_for_function(_ARE_REFINED)
+    page.wait_for_selector("#sinew-lag:has-text('against the rig as built')")
+    page.wait_for_selector("text=Refined")
     camera.take("design", whole=True)
     camera.take("design-dark", theme="dark")
 

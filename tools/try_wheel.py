@@ -55,7 +55,7 @@ def answer_a_page(sinew: Path, folder: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         http = f"127.0.0.1:{free.getsockname()[1]}"
-    command = [str(sinew), "serve", "--emulate", "--no-browser", "--http", http, "--runs", str(folder / "runs")]
+    command = [str(sinew), "serve", "--emulate", "--http", http, "--runs", str(folder / "runs")]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as served:
         try:
             address = said_address(served)

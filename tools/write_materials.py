@@ -34,10 +34,10 @@ def materials_text(folder: Path) -> str:
         file = title.replace("Medium", "MEDIUM").replace(" ", "_") + ".csv"
         name = title.lower().removesuffix(" medium").replace(" ", "-")
         found = fit_tensile(*read_tensile(folder / file))
-        modulus = found.shear_modulus
+        modulus = found.shear_modulus_pa
         parts.append(
             f'\n[{name}]\ntitle = "{title}"\nshear_modulus_kpa = {modulus.value / 1e3:.1f}\n'
-            f"shear_modulus_std_kpa = {modulus.std / 1e3:.1f}\nsecant_kpa = {found.secant / 1e3:.1f}\n"
+            f"shear_modulus_std_kpa = {modulus.std / 1e3:.1f}\nsecant_kpa = {found.secant_pa / 1e3:.1f}\n"
         )
     return "".join(parts)
 

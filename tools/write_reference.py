@@ -39,7 +39,7 @@ from sinew.hardware.registers import (
     Register,
     RegisterTable,
 )
-from sinew.measure import schema
+from sinew.measure import recording as schema
 from sinew.plan.toml import load_rig
 from tools import write_firmware_registers
 from tools.tree import ROOT
@@ -59,7 +59,7 @@ def _table(rows: Mapping[str, schema.Variable], *, required: bool) -> str:
 
 
 def recording_page() -> str:
-    """Return the page on recordings, from `sinew.measure.schema`."""
+    """Return the page on recordings, from `sinew.measure.recording`."""
     return f"""{_NOTE}
 # Recording
 
@@ -99,6 +99,7 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `versions` | of Sinew, Python and the packages that made the numbers |
 | `seed` | of the random numbers; -1 where there are none |
 | `registers` | of a bench: JSON, the motors' registers as read back before each run's first group |
+| `tendon_limit_a` | of a bench whose tendon motors yield at a current: JSON, mean of their limits by pretension in mm |
 | `pauses` | of a bench: JSON, what was said of each pause of the computer after which the run went on by itself |
 | `register_checks` | of a bench: how often they were read again after a group and found the same |
 | `readings_stale`, `readings_impossible` | of a bench: left out as of an earlier cycle, or as what cannot be true |
@@ -116,7 +117,7 @@ says which samples are a segment's.
 
 
 def results_page() -> str:
-    """Return the page on results, from `sinew.measure.schema`."""
+    """Return the page on results, from `sinew.measure.recording`."""
     groups: dict[str, dict[str, schema.Variable]] = {}
     titles = {
         ("pretension_mm", "frequency_hz", "repeat"): "Response, of every group of every repeat",
@@ -149,10 +150,6 @@ A part
 that the recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A
 quantity with an interval has companions whose suffix stands before the unit: `resonance_hz` has `resonance_std_hz`,
 `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the repeats and the ends of the 90 % interval.
-
-Files of the schema `sinew-results-1`, whose axes `pretension`, `frequency` and `repeat` had no coordinates, are brought
-to this shape by `sinew.measure.files.netcdf.load_results`; no number moves. Other readers of such files find places by
-position alone.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
@@ -189,8 +186,8 @@ plan `short`.
 
 
 def _register_row(row: Register) -> str:
-    kind = "float" if row.is_float else "signed" if row.signed else ""
-    span = f"{row.lowest} to {row.highest}" if row.writable and not row.is_float else ""
+    kind = "signed" if row.signed else ""
+    span = f"{row.lowest} to {row.highest}" if row.writable else ""
     unit = "" if row.unit == "1" else row.unit
     count = f"{row.scale:.6g} {unit}".strip() if row.scale != 1 or unit else ""
     initial = "" if row.initial is None else str(row.initial)

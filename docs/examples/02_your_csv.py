@@ -37,5 +37,5 @@ fit
 # %%
 # A quantity is its value, its standard deviation and its 90 % interval.
 
-frequency = fit.fit.natural_frequency_hz
+frequency = fit.natural_frequency_hz
 frequency.value, frequency.std, (frequency.low, frequency.high)

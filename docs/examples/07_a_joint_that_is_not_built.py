@@ -16,6 +16,7 @@ _, axes = plt.subplots(figsize=(7, 4))
 for length_mm in (80, 95, 110):
     rig = sn.design_rig(base, sn.Design(length=length_mm / 1000))
     (curve,) = sn.predict(rig, (6.0,), amplitude_deg=20.0).prediction.branches
+    assert curve.phase_90 is not None
     label = f"{length_mm} mm: lag of 90° at {curve.phase_90.frequency_hz:.2f} Hz"
     axes.plot(curve.frequency_hz, np.degrees(curve.amplitude), label=label)
 axes.set(xlabel="drive frequency / Hz", ylabel="amplitude of the torsion / °")

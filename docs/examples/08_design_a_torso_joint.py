@@ -16,8 +16,8 @@ found
 # %%
 # Each proposal is a rig like any other: it can be predicted, simulated, tuned, or written to a file.
 
-one = found.evaluated[found.chosen[0]]
-predicted = sn.predict(one.rig, [end.pretension_mm for end in one.ends], amplitude_deg=5, band_hz=(0.5, 1.5))
+one = found.proposals[0]
+predicted = sn.predict(one.rig, one.pretension_mm, amplitude_deg=5, band_hz=(0.5, 1.5))
 axes = sn.plot.prediction(predicted)
 
 # %%

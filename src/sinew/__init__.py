@@ -7,14 +7,10 @@ what is in the room is imported by its path, `from sinew.predict.band import Ban
 """
 
 import sys
-import time
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-_began_ns = time.time_ns()
-"""When this process began to read Sinew's source: what was changed since, it may not know."""
 
 
 def _read_version() -> str:

@@ -1,6 +1,6 @@
 """The face of Sinew, a line for each name; `__init__.py` loads a name from the module that its line says."""
 
-from sinew.analysis.analysed import Analysed as Analysed
+from sinew.analysis import results as results
 from sinew.analysis.analysed import analyse as analyse
 from sinew.figures import plot as plot
 from sinew.identify.forced import Forced as Forced
@@ -23,10 +23,8 @@ from sinew.measure.errors import SpecError as SpecError
 from sinew.measure.errors import TimeError as TimeError
 from sinew.measure.errors import UnitError as UnitError
 from sinew.measure.estimate import Estimate as Estimate
-from sinew.measure.files.export import export_csv as export_csv
-from sinew.measure.files.export import export_mat as export_mat
-from sinew.measure.files.export import export_recording as export_recording
-from sinew.measure.files.folder import open_runs as open_runs
+from sinew.measure.files.formats import export_recording as export_recording
+from sinew.measure.files.netcdf import open_runs as open_runs
 from sinew.measure.files.netcdf import save_recording as save_recording
 from sinew.measure.files.tables import export_table as export_table
 from sinew.measure.read import Looked as Looked
@@ -48,10 +46,10 @@ from sinew.mechanics.laws import Viscous as Viscous
 from sinew.plan.parameter import Parameter as Parameter
 from sinew.plan.plan import Impulse as Impulse
 from sinew.plan.plan import Plan as Plan
+from sinew.plan.plan import Pose as Pose
 from sinew.plan.plan import Pretension as Pretension
 from sinew.plan.plan import RingDown as RingDown
 from sinew.plan.plan import Sweep as Sweep
-from sinew.plan.pose import Pose as Pose
 from sinew.plan.rig import RigSpec as RigSpec
 from sinew.plan.toml import dump_plan as dump_plan
 from sinew.plan.toml import dump_rig as dump_rig

@@ -56,7 +56,7 @@ def test_editors_and_type_checkers_see_the_types_of_the_installed_package() -> N
 def test_what_is_no_recording_is_refused_in_words(what: str) -> None:
     import xarray as xr
 
-    given = xr.Dataset() if what == "an empty dataset" else sn.Analysed({}, xr.Dataset(), None, ())
+    given = xr.Dataset() if what == "an empty dataset" else sn.results.RecordingResult(recording=xr.Dataset())
     with pytest.raises(sn.RecordingError, match="expected a recording"):
         sn.analyse(given)  # type: ignore[arg-type]
 

@@ -11,10 +11,10 @@ import pytest
 
 NO_POSIX = """
 import sys
-# What Python's own library takes from POSIX on this computer is loaded first; it has other code for Windows.
+# What Python's own library and platformdirs take from POSIX here is loaded first; they have other code for Windows.
 import asyncio, concurrent.futures.process, multiprocessing.popen_spawn_posix, multiprocessing.resource_tracker
 import multiprocessing.synchronize, pathlib, selectors, shutil, subprocess, tempfile, uuid
-import os, select, signal, socket
+import os, platformdirs, select, signal, socket
 
 class Without:
     absent = {"resource", "fcntl", "termios", "tty", "pty", "grp", "pwd", "syslog", "readline"}
@@ -71,8 +71,10 @@ for line in ("run short --port COM3 --out x", "emulate --link x", "stop --port C
     print("command", line.split()[0], file=sys.stderr)
     assert main(line.split()) == 2
 import sinew.apps.recordings.identify, sinew.apps.recordings.reproduce, sinew.apps.recordings.simulate
-import sinew.identify.identified, sinew.predict.predicted, sinew.predict.preview, sinew.bench.preflight
-import sinew.paper.report, sinew.twin.simulate, sinew.paper.answers.questions
+import sinew.identify.identified, sinew.predict.predicted, sinew.predict.expected_response, sinew.bench.preflight
+import sinew.paper.report, sinew.twin.simulate, sinew.paper.questions
+import sinew.identify.identified, sinew.predict.predicted, sinew.predict.expected_response, sinew.bench.preflight
+import sinew.paper.report, sinew.twin.simulate, sinew.paper.questions
 """,
         tmp_path,
     )

@@ -63,7 +63,7 @@ class Served:
                 parent = int((path.parent / "stat").read_text().rpartition(")")[2].split()[1])
             except (OSError, ValueError):
                 continue
-            if b"sinew.apps.dashboard" in words and parent == self.process.pid:
+            if words[-2:] == [b"sinew.apps.dashboard", b""] and parent == self.process.pid:
                 return int(path.parent.name)
         raise AssertionError("no process serves pages")
 
@@ -114,6 +114,17 @@ def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]
         for rule in found.response["violations"]
         for node in rule["nodes"]
     ]
+
+
+def take_control(page: Any) -> None:
+    """Have a page take control, over another one where that has it."""
+    page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
+    if page.inner_text("#sinew-take") != "Give control up":
+        page.click("#sinew-take")
+        page.wait_for_function("Sinew.status().operator?.mine || document.getElementById('sinew-take-sure')")
+        if page.locator("#sinew-take-sure").count():
+            page.click("#sinew-take-sure")
+        page.wait_for_function("Sinew.status().operator?.mine")
 
 
 def plan_text(page: Any) -> str:

@@ -19,7 +19,7 @@ from tests.unit.dashboard_journal import RIG_TEXT
 
 from sinew.apps.bench.run_control import RunControl, listening
 from sinew.bench.record.journal import Journal
-from sinew.bench.run import Progress
+from sinew.bench.recorder import Progress
 from sinew.bench.stops import Steering, StopReport
 from sinew.measure.events import Contact, Doubted, Ended, Health, Paused, Pulled
 from sinew.measure.recording import Segment

@@ -13,7 +13,7 @@ from tests.contracts.serving import PATIENCE, Bench, free_port, until
 from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.access import Access, new_token
-from sinew.apps.dashboard.steward import Settings, Steward
+from sinew.apps.dashboard.steward import Controller, Settings, Steward
 
 LATE = [sys.executable, "-c", "import os, sys, time; time.sleep(12); os.execv(sys.argv[1], sys.argv[1:])"]
 """What is put before a command so that it begins later."""
@@ -55,12 +55,12 @@ class Stage:
             self.until("over")
         until(lambda: not self.steward.status(None)["stopping"])
         self.steward._desk.last = self.steward._emergency.last = None
+        self.steward.controller = Controller()
 
     def kill_pages(self) -> None:
         """End the pages' server and let it begin again only after a while: what a page sees of one that is lost."""
         pid = self.steward._page.pid
         assert pid is not None
-        self.steward._page._begun.clear()
         self.steward._page._command[:0] = [] if self.steward._page._command[1] == "-c" else LATE
         os.kill(pid, signal.SIGKILL)
 
@@ -88,7 +88,7 @@ def staged(runs: Path, *, bench: str | None = "emulator", access: dict[str, obje
     steward = Steward(settings)
     if bench == "emulator":  # as the pages take it: there is no process to look after
         object.__setattr__(settings, "bench", "emulator")
-        steward._page._config["bench"]["kind"] = "emulator"
+        steward._page._config["bench"] = "emulator"
     with steward:
         until(lambda: steward.page_state == "up")
         until(lambda: _is_up(f"http://127.0.0.1:{port}/sinew/style.css"))

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser.dashboard import Served, choose_plan, served
-from tests.browser.test_scope import NARROW
+from tests.browser.dashboard import Served, choose_plan, served, take_control
 from tests.contracts.emulated_bench import alone, rig_file
 
 from sinew.bench.record.journal import JournalReader
-from sinew.measure.files.netcdf import load_recording
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -51,9 +49,7 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     """Start a plan of the shelf from the page, as a user does, and return the run's folder when samples come."""
     page.goto(f"{dashboard.base}/plan")
     page.wait_for_selector("#sinew-duration")
-    if page.inner_text("#sinew-take") != "Give control up":
-        page.click("#sinew-take")
-        page.wait_for_function("Sinew.status().operator?.mine")
+    take_control(page)
     choose_plan(page, plan)
     page.wait_for_function("document.querySelector('#sinew-plan-text').textContent.includes('watched')")
     page.wait_for_selector("#sinew-start:not([disabled])")
@@ -119,45 +115,6 @@ def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench
     frozen = truth["clock_s_at_zero"] + truth["frozen_since_s"]
     assert truth["in_safe_state"]
     assert 0.0 < frozen - pressed < SAFE_WITHIN_S
-
-
-def test_a_tension_beyond_the_limit_of_its_alarm_is_an_alert_while_the_bench_pulls(opened: Open, bench: Served) -> None:
-    page = opened(bench)
-    page.wait_for_function("document.getElementById('sinew-limit-tension').value === '180'")
-    page.fill("#sinew-limit-tension", "-3")
-    page.keyboard.press("Tab")
-    assert page.inner_text("#sinew-limit-said-tension") == "-3 is below 0: the limit stays 180 N."
-    assert page.input_value("#sinew-limit-tension") == "180"
-    page.fill("#sinew-limit-tension", "12")
-    page.keyboard.press("Tab")
-    assert page.inner_text("#sinew-limit-said-tension") == ""
-    start(page, bench, "brief")
-    page.wait_for_selector("#sinew-notice-alarm-tension[role=alert]")
-    said = page.inner_text("#sinew-notice-alarm-tension")
-    assert float(re.search(r"Tension of tendon \d: (\d+) N", said)[1]) > 12  # type: ignore[index]
-    assert "the limit is 12 N" in said
-
-
-def test_a_finished_run_keeps_its_colours_is_opened_and_its_recording_downloaded(
-    opened: Open, bench: Served, tmp_path: Path
-) -> None:
-    page = opened(bench)
-    folder = start(page, bench, "brief")
-    page.wait_for_function("Sinew.status().run === null && Sinew.status().last !== null", timeout=120_000)
-    page.wait_for_function("document.body.dataset.stale === 'true'")
-    page.wait_for_selector("#sinew-freeze:disabled")
-    page.set_viewport_size({"width": 600, "height": 900})
-    for canvas in ("sinew-scope", "sinew-lissajous"):
-        page.wait_for_function(NARROW, arg=canvas)
-        assert page.evaluate("id => getComputedStyle(document.getElementById(id)).filter", canvas) == "none"
-    readings = "getComputedStyle(document.querySelector('.sinew-live:has(#sinew-tension)')).backgroundImage"
-    assert "gradient" in page.evaluate(readings)
-    page.goto(f"{bench.base}/runs/{folder.name}")
-    page.wait_for_selector("a[data-kind=recording]")
-    with page.expect_download() as download:
-        page.click("a[data-kind=recording]")
-    download.value.save_as(tmp_path / "got.nc")
-    assert set(map(str, load_recording(tmp_path / "got.nc")["kind"].values)) == {"idle", "settle", "steady"}
 
 
 def test_killing_the_pages_server_loses_no_sample(opened: Open, bench: Served) -> None:

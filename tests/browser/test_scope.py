@@ -180,31 +180,3 @@ def test_a_triggered_picture_stands_and_its_gain_is_that_of_the_amplitudes(
     periods = (starts + 0.2) * hz  # the crossing is a tenth of the screen from its left
     assert np.abs(periods - np.round(periods)).max() / hz < 0.001
     assert gains == pytest.approx(2.5, rel=0.01)
-
-
-def test_what_was_chosen_is_there_again_after_the_page_was_left(page: Any, swung: Served) -> None:
-    page.locator("#sinew-legend input").first.uncheck()
-    page.check("#sinew-gain")
-    page.click("#sinew-cursors")
-    page.goto(f"{swung.base}/runs")
-    page.goto(f"{swung.base}/run/swing/samples")
-    page.wait_for_function(SHOWN)
-    chosen = (page.locator("#sinew-legend input").first.is_checked(), page.is_checked("#sinew-gain"))
-    assert (*chosen, page.get_attribute("#sinew-cursors", "aria-pressed")) == (False, True, "true")
-    assert "drive_command" not in page.evaluate("SinewScope.scope.lines(SinewScope.bins).map((line) => line.key)")
-
-
-def test_every_axis_has_two_ticks_at_least(page: Any) -> None:
-    random = np.random.default_rng(3)
-    low, span = random.normal(size=300), 10 ** random.uniform(-3, 3, 300)
-    about = random.uniform(2, 8, 300)
-    found = page.evaluate(
-        """async (rows) => {
-          const { ticks } = await import("/sinew/scope.js");
-          return rows.map(([low, high, about]) => ticks(low, high, about)).map(({ found, digits }) =>
-            new Set(found.map((at) => at.toFixed(digits))).size);
-        }""",
-        np.column_stack([low, low + span, about]).tolist(),
-    )
-    assert min(found) >= 2
-    assert max(found) <= 11

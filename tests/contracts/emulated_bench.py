@@ -14,11 +14,10 @@ from typing import Any
 
 import pytest
 from tests.patience import await_end, comes, communicate, finished
+from tests.unit.emulator_stand_in import StandIn
 
-from sinew.emulator.found import VirtualPort
-from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.plant import Plant, Unloaded
-from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.bench import EmulatedRig, VirtualPort
+from sinew.emulator.plant import JointPlant, Plant
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Decoder, Instruction
 from sinew.plan.rig import RigSpec
@@ -58,8 +57,8 @@ def virtual_port(
 ) -> WatchedPort:
     """Have the command line find this port, and its time, wherever it looks for a serial port."""
     spec = spec or load_rig("paper")
-    port = WatchedPort(EmulatedRig(spec, plant or Unloaded(spec.tendons.count, spec), baud=baud))
-    monkeypatch.setattr("sinew.hardware.serial_port.SerialPort", lambda *_: port)
+    port = WatchedPort(EmulatedRig(spec, plant or StandIn(), baud=baud))
+    monkeypatch.setattr("sinew.hardware.ports.SerialPort", lambda *_: port)
     monkeypatch.setattr("sinew.hardware.bus.MonotonicClock", lambda: port)
     return port
 

@@ -1,6 +1,7 @@
 """The dashboard's steward for tests: real sockets on loopback, runs and pages that are cheap, a bench that notes."""
 
 import os
+import secrets
 import socket
 import sys
 import threading
@@ -95,16 +96,13 @@ class Bench:
 
 @dataclass
 class Page:
-    """A page that was loaded: it is signed in, and numbers what it says."""
+    """A page that was loaded, of a browser that is signed in, with an id of its own."""
 
     client: httpx.Client
-    ticket: str
-    number: int = 0
+    id: str = field(default_factory=lambda: secrets.token_hex(16))
 
     def says(self, command: str, **more: object) -> httpx.Response:
-        self.number += 1
-        told = {"ticket": self.ticket, "number": self.number, "command": command, **more}
-        return self.client.post("/command", json=told)
+        return self.client.post("/command", json={"page": self.id, "command": command, **more})
 
     def starts(self, name: str = "one", behaviour: str = fake_run.OBEDIENT) -> httpx.Response:
         return self.says("start", name=name, plan=plan(behaviour), rig=RIG)
@@ -136,11 +134,12 @@ class Served:
         own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE, verify=False)
         own.cookies.set(self.access.cookie_name, self.access.new_session(), domain="127.0.0.1")
         self.pages.append(own)
-        return Page(own, own.post("/ticket").json()["ticket"])
+        return Page(own)
 
     def operator(self) -> Page:
+        """Return a page that took control."""
         page = self.page()
-        assert page.says("take").status_code == 200
+        assert page.says("take", confirmed=True).status_code == 200
         return page
 
     def runs_as(self, state: str) -> bool:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.contracts.commands import refused
 
-from sinew.measure.files.csv import import_csv
 from sinew.measure.files.netcdf import save_recording
+from sinew.measure.read import read
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
 TIME = np.arange(0, 10, 0.01)
@@ -61,7 +61,7 @@ def growing(folder: Path) -> None:
 
 def truncated(folder: Path) -> None:
     table(folder)
-    save_recording(import_csv(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
+    save_recording(read(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
     whole = (folder / "in.nc").read_bytes()
     (folder / "in.nc").write_bytes(whole[: len(whole) // 2])
 
@@ -92,7 +92,7 @@ def folder_that_is_a_file(folder: Path) -> None:
 
 def imported(folder: Path) -> None:
     table(folder)
-    save_recording(import_csv(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
+    save_recording(read(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
 
 
 def shaken(folder: Path) -> None:
@@ -123,7 +123,11 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "ring-down too short": (too_short, ANALYSE, "longer stretch"),
     "growing oscillation": (growing, ANALYSE, "grow"),
     "start after the end": (table, (*ANALYSE, "--start", "20"), "the file runs from 0 s to 9.99 s"),
-    "sweep without drive": (table, tuple("sweep" if a == "ring-down" else a for a in ANALYSE), "column of its drive"),
+    "sweep without drive": (
+        table,
+        tuple("sweep" if a == "ring-down" else a for a in ANALYSE),
+        "name its column with --drive",
+    ),
     "broadband without drive": (table, BROADBAND, "name its column"),
     "noise that no drive caused": (shaken, SHAKEN, "nothing in the response coheres with the drive"),
     "half a band": (shaken, (*SHAKEN, "--from-hz", "2"), "--to-hz"),
@@ -136,12 +140,12 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
         "of a table, a broadband record or hammer blows",
     ),
     "segment without end": (shaken, (*SHAKEN, "--segment", "100"), "choose shorter segments or record longer"),
-    "settling of a broadband record": (shaken, (*SHAKEN, "--settle", "1"), "leave them out"),
+    "settling of a broadband record": (shaken, (*SHAKEN, "--settle", "1"), "leave it out"),
     "band of a ring-down": (table, (*ANALYSE, "--from-hz", "1", "--to-hz", "5"), "for a broadband record"),
     "truncated NetCDF": (truncated, ("export", "in.nc", "--to", "csv", "--out", "out.csv"), "cut short"),
     "truncated NetCDF to analyse": (truncated, ("analyse", "in.nc", "--out", "out"), "cut short"),
     "junk for NetCDF": (junk_recording, ("analyse", "in.nc", "--out", "out"), "in.nc is not a NetCDF file"),
-    "negative pretension": (negative_pretension, SIMULATE, "pretension.pretension_mm, first entry: found -1"),
+    "negative pretension": (negative_pretension, SIMULATE, "pretension.pretension_mm, entry 1: found -1"),
     "plan beyond limits": (beyond_limits, SIMULATE, "sweep asks for 60°, the rig allows 45°"),
     "unknown rig key": (unknown_key, ("check", "short", "--rig", "rig.toml"), "did you mean pulley_radius?"),
     "analyse into a file": (folder_that_is_a_file, ANALYSE, "cannot write into out"),
@@ -157,13 +161,13 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     ),
     "azimuth of a recording": (
         imported,
-        ("answer", "in.nc", "--azimuth-deg", "90"),
+        ("report", "in.nc", "--azimuth-deg", "90"),
         "found --azimuth-deg beside a recording",
     ),
     "export onto a folder": (
         lambda folder: (
             table(folder),
-            save_recording(import_csv(folder / "in.csv", time="t", response="x"), folder / "in.nc"),
+            save_recording(read(folder / "in.csv", time="t", response="x"), folder / "in.nc"),
         )[1],
         ("export", "in.nc", "--to", "mat", "--out", "."),
         "it is a folder",

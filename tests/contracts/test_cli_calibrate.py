@@ -14,10 +14,11 @@ from tests.contracts.commands import answered, command_lines, refused
 from sinew.apps.cli import main
 from sinew.identify.joint import calibration
 from sinew.measure.errors import how_to_install
-from sinew.measure.estimate import Estimate
-from sinew.measure.files.csv import import_csv
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.files.netcdf import load_recording, save_recording
-from sinew.plan.toml import dump_rig, list_shipped, load_plan, load_rig
+from sinew.measure.read import read
+from sinew.paper.numbers import FREE, rig_with
+from sinew.plan.toml import dump_rig, load_plan, load_rig, read_posterior
 from sinew.twin.simulate import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +37,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     t = np.arange(0, 4, 0.01)
     rows = "\n".join(f"{a:.2f},{b:.5f}" for a, b in zip(t, np.exp(-t) * np.cos(18 * t), strict=True))
     Path("swing.csv").write_text(f"t,x\n{rows}\n", encoding="utf-8")
-    recording = import_csv(Path("swing.csv"), time="t", response="x:deg")
+    recording = read(Path("swing.csv"), time="t", response="x:deg")
     Path("mine.toml").write_text(dump_rig(load_rig("paper")), encoding="utf-8")
     save_recording(recording, Path("table.nc"))
     recording.attrs.pop("content_hash", None)
@@ -105,7 +106,7 @@ def test_the_file_begins_with_the_command_and_the_whole_hashes(bench: Path, caps
 def test_a_table_of_before_and_after_is_printed(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES]) == 0
     said = capsys.readouterr().out
-    assert re.search(r"first_contact_tension\s+N\s+8\.868\s+10\.5\s+9\.8 to 11\.2", said)
+    assert re.search(r"first_contact_tension\s+N\s+8\.868\s+10\.5 \(9\.8 to 11\.2\)", said)
     assert re.search(r"not determined.* tendons\.presliding_angle", said)
 
 
@@ -156,11 +157,17 @@ def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
 
 
 @pytest.mark.slow
-@pytest.mark.long
 def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert list_shipped("rigs") == ["curved", "paper"]
+    """On another processor the search ends elsewhere in its valley; a fifth of a standard deviation adds 2 % to it."""
     document = answered(capsys, "calibrate", "paper", "--paper", "--out", str(tmp_path / "paper.toml"))
-    assert (tmp_path / "paper.toml").read_text(encoding="utf-8") == dump_rig(load_rig("paper"))
+    shipped, written = load_rig("paper"), load_rig(tmp_path / "paper.toml")
+    before, after = ({name: one.value for name, one in rig.parameters()} for rig in (shipped, written))
+    assert dump_rig(written) == dump_rig(rig_with(shipped, np.array([after[free.name] for free in FREE])))
+    posterior = read_posterior("paper") or {}
+    assert set(posterior) == set(document["parameters"])
+    for name, row in posterior.items():
+        std = (row["posterior90"][1] - row["posterior90"][0]) / (2 * NORMAL_90)
+        assert abs(after[name] - before[name]) < 0.2 * std, name
     assert all(abs(row["twin"] - row["paper"]) <= row["tolerance"] for row in document["numbers"])
 
 

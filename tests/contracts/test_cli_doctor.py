@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.contracts.commands import refused
 from tests.patience import comes, communicate
 
 from sinew.apps.cli import main
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminal
 def port(tmp_path: Path) -> Iterator[str]:
     link = tmp_path / "bench"
     process = subprocess.Popen(
-        [SINEW, "emulate", "--link", str(link), "--unloaded"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        [SINEW, "emulate", "--link", str(link)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
     assert process.stdout is not None
     try:
@@ -75,16 +74,3 @@ def test_without_a_terminal_nothing_is_written_unless_asked_for(port: str, capsy
     assert done.returncode == 2
     assert "add --yes to --fix" in done.stderr.splitlines()[-1]
     assert any(row["fixable"] for row in told["findings"])
-
-
-@pytest.mark.slow
-@pytest.mark.realtime
-def test_a_wrong_baud_is_a_fault_that_names_the_right_one(port: str, capsys: pytest.CaptureFixture[str]) -> None:
-    status, told = document(capsys, "--port", port, "--baud", "57600")
-    advice = [row["what_to_do"] for row in told["findings"] if row["severity"] == "fault"]
-    assert status == 1
-    assert any("--baud 1000000" in sentence for sentence in advice)
-
-
-def test_a_port_that_is_not_there_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "cannot open /dev/no-such-port at 1000000 baud" in refused(capsys, "doctor", "--port", "/dev/no-such-port")

@@ -8,7 +8,7 @@ from tests.unit.ideal_motor import RIG, recorded
 
 from sinew.apps.cli import main
 from sinew.measure.files.netcdf import save_recording
-from sinew.measure.schema import ENERGY_QUANTITIES
+from sinew.measure.recording import ENERGY_QUANTITIES
 
 ROOT = Path(__file__).resolve().parents[2]
 

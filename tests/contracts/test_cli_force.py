@@ -15,23 +15,19 @@ IMPORT = ("import", "decay.csv", "--kind", "ring-down", "--time", "time_s", "--r
 WRITES: dict[str, tuple[tuple[str, ...], str]] = {
     "import": (IMPORT, "there.nc"),
     "export": (("export", "decay.nc", "--to", "csv"), "there.csv"),
-    "table": (("table", "found.json"), "there.tex"),
-    "film": (("film", "decay.nc"), "there.gif"),
     "simulate": (("simulate", "short"), "there.nc"),
     "model": (("model", "paper"), "there.xml"),
     "joint": (("joint", "--section", "circle", "--outer-mm", "60"), "there.toml"),
     "predict": (("predict", "paper"), "there.toml"),
     "pose": (("pose", "paper"), "there.png"),
-    "workspace": (("workspace", "paper"), "there.svg"),
     "modes": (("modes", "paper"), "there.html"),
-    "transfer": (("transfer", "paper"), "there.json"),
     "calibrate": (("calibrate", "paper", "decay.nc"), "there.toml"),
     "runs": (("runs", ".", "--trend", "f_r"), "there.svg"),
     "emulate": (("emulate", "--link", "link", "--for", "0.1"), "there.json"),
 }
 """Of each command that writes a file: what asks for it, and a name that it takes."""
 
-OF_FOLDERS = {"analyse", "gait", "design", "compare", "answer", "reproduce", "identify"}
+OF_FOLDERS = {"analyse", "design", "report", "reproduce", "identify"}
 """Commands that write files of names of their own into a folder."""
 
 OF_BENCHES = {"run", "track"}

@@ -1,4 +1,4 @@
-"""`sinew gait`: the document of a target, from recordings or from numbers, and the one line that refuses."""
+"""`sinew design --walk`: the document of a target from recordings, what is designed for it, and the refusals."""
 
 import json
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns.walker import Walker, phase_of, yaw_of
 from tests.contracts.commands import command_lines, refused
+from tests.experiments.walker import Walker, phase_of, yaw_of
 
 from sinew.apps.cli import main
 
@@ -36,87 +36,88 @@ def slow_and_fast(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     return str(walk_file(folder / "slow.csv", Walker(frequency_hz=0.75))), str(fast)
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    assert main(["gait", *arguments, "--json"]) == 0
+def words_of(*files: str) -> list[str]:
+    return ["design", *(word for file in files for word in ("--walk", file))]
+
+
+def run(capsys: pytest.CaptureFixture[str], files: tuple[str, ...], *arguments: str) -> dict[str, Any]:
+    assert main([*words_of(*files), "--gait-only", *arguments, "--json"]) == 0
     return dict(json.loads(capsys.readouterr().out))
 
 
 def test_two_files_give_a_row_each_and_one_band(
     slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = run(capsys, *slow_and_fast)
+    found = run(capsys, slow_and_fast)
     assert [row["file"] for row in found["bouts"]] == ["slow.csv", "fast.csv"]
     assert found["stride_band_hz"] == pytest.approx([0.75, 1.05], rel=0.06)
-    assert [row["speed_m_s"] for row in found["bouts"]] == pytest.approx([0.975, 1.365], rel=0.03)
     assert found["yaw_of"] == "trunk against pelvis"
 
 
 def test_the_intervals_of_a_file_hold_what_it_was_made_with(
     slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = run(capsys, slow_and_fast[0])
+    found = run(capsys, slow_and_fast[:1])
     for key, truth in (("stride_frequency_hz", 0.75), ("yaw_amplitude_deg", Walker().relative_deg)):
         assert set(found[key]) == QUANTITY
         assert found[key]["interval90"][0] < truth < found[key]["interval90"][1]
 
 
-def test_numbers_give_the_keys_that_recordings_give(
-    slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = run(capsys, "--stride-hz", "0.7:1.1", "--yaw-deg", "7")
-    assert set(asked) == set(run(capsys, slow_and_fast[0]))
-    assert (asked["source"], asked["stride_band_hz"], asked["yaw_band_deg"]) == ("numbers", [0.7, 1.1], [7, 7])
-    assert asked["yaw_amplitude_deg"] == {"value": 7, "std": None, "interval90": [None, None]}
-
-
 def test_the_reference_names_every_key(slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
-    found = run(capsys, slow_and_fast[0])
-    page = PAGE.read_text(encoding="utf-8").partition("\n## gait\n")[2].partition("\n## ")[0]
+    found = run(capsys, slow_and_fast[:1])
+    page = PAGE.read_text(encoding="utf-8").partition("\n## design --walk\n")[2].partition("\n## ")[0]
     assert {key for key in {*found, *found["bouts"][0], "files"} if f"`{key}`" not in page} == set()
 
 
-def test_a_folder_gets_the_document_and_a_figure(
+def test_a_folder_gets_the_document(
     slow_and_fast: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = run(capsys, *slow_and_fast, "--out", str(tmp_path / "out"))
+    found = run(capsys, slow_and_fast, "--out", str(tmp_path / "out"))
     assert json.loads((tmp_path / "out" / "gait.json").read_text(encoding="utf-8")) == found
-    assert {Path(file).name for file in found["files"]} == {"gait.json", "gait_yaw.png", "gait_yaw.pdf"}
 
 
-def test_a_person_reads_a_table_over_the_speeds_and_sentences(
+def test_a_person_reads_a_row_for_each_bout_and_the_band(
     slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["gait", *reversed(slow_and_fast), "--speed-m-s", "1.4,0.9"]) == 0
+    assert main([*words_of(*slow_and_fast), "--gait-only"]) == 0
     out = capsys.readouterr().out
-    assert out.index("slow.csv") < out.index("fast.csv")
-    assert "0.90" in out
-    assert "half of peak to peak" in out
+    assert out.index("slow.csv") < out.index("fast.csv") < out.index("over five in a row")
 
 
 def test_an_angle_column_is_a_target_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time, phase, size = phase_of(Walker(), 30, np.random.default_rng(3))
     pelvis, trunk = yaw_of(Walker(), phase, size)
     pd.DataFrame({"time": time, "twist": np.degrees(trunk - pelvis)}).to_csv(tmp_path / "a.csv", index=False)
-    found = run(capsys, str(tmp_path / "a.csv"), "--yaw", "twist:deg")
-    assert found["bouts"][0]["pelvis_amplitude_deg"] is None
+    found = run(capsys, (str(tmp_path / "a.csv"),), "--yaw-column", "twist:deg")
+    low, high = found["yaw_amplitude_deg"]["interval90"]
+    assert low < Walker().relative_deg < high
+
+
+@pytest.mark.slow
+def test_joints_are_designed_for_the_gait_of_a_recording(
+    slow_and_fast: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick = ("--starts", "2", "--exact", "2", "--proposals", "1", "--shape", "circle", "--material", "base")
+    assert main([*words_of(*slow_and_fast), *quick, "--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["target"]["stride_band_hz"] == found["gait"]["stride_band_hz"]
+    assert found["target"]["yaw_deg"] == found["gait"]["yaw_amplitude_deg"]["value"]
+    assert {"gait.json", "design.json", "design.html"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 @command_lines("""
-    => --stride-hz LOW:HIGH with --yaw-deg
-    walk.csv --stride-hz 0.7:1.1 --yaw-deg 7 => not both
-    --stride-hz 0.7:1.1 => belong together
-    --stride-hz 1.1:0.7 --yaw-deg 7 => 0 < lowest <= highest
-    --stride-hz slow --yaw-deg 7 => expected a number (LOW:HIGH
-    absent.csv => cannot read absent.csv
-    walk.csv --up w => expected x, y or z
-    walk.csv --yaw a --pelvis b => leave --pelvis and --trunk out
-    walk.csv --speed-m-s 1,2 => one positive speed for each of the 1 files
-    walk.csv --trunk C7,IJ => walk.csv: no marker 'C7'
-    walk.csv --yaw LASI_z_mm:mdeg => no steps found
-    walk.csv --stop 0.5 => too short
+    --walk absent.csv => cannot read absent.csv
+    --walk walk.csv --up w => expected one of x, y, z
+    --walk walk.csv --yaw-column a --pelvis b => leave --pelvis and --trunk out
+    --walk walk.csv --trunk C7,IJ => walk.csv: no marker 'C7'
+    --walk walk.csv --yaw-column LASI_z_mm:mdeg => no steps found
+    --walk walk.csv --stop 0.5 => too short
+    --walk walk.csv --yaw-deg 7 => either the recording or the two numbers
+    --gait-only => name one by --walk
+    --stride-hz 0.7:1.1 --yaw-deg 7 --pelvis hip => --pelvis is about recordings of walking
 """)
 def test_what_is_no_gait_is_one_line_and_status_2(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     walk_file(here / "walk.csv", Walker(), strides=12)
-    assert sentence in refused(capsys, "gait", *arguments)
+    assert sentence in refused(capsys, "design", *arguments)

@@ -26,7 +26,7 @@ QUANTITY = {"value", "std", "interval90"}
 
 def test_the_document_has_the_keys_of_the_reference(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = identified(capsys, sweep, *COLUMNS, "--model", "linear")
-    assert tuple(found) == DOCUMENT
+    assert set(found) == set(DOCUMENT)
     assert set(found["compared"][0]) == {"model", "rmse_test", "bic"}
     assert all(set(one) == QUANTITY for one in found["parameters"].values())
 
@@ -73,15 +73,13 @@ def test_auto_names_the_model_it_chose_and_those_it_compared(sweep: Path, capsys
 
 def test_without_json_a_table_is_printed(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", str(sweep), *COLUMNS, "--model", "linear"]) == 0
-    assert "natural_frequency_hz" in capsys.readouterr().out
+    assert "natural frequency/Hz" in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_a_whole_folder_of_pages_is_written(sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--out", tmp_path / "out")
-    figures = {
-        f"figures/{name}.{ending}" for name in ("backbone", "corner", "fit_data", "residuals") for ending in ENDINGS
-    }
+    figures = {f"figures/{name}.{ending}" for name in ("corner", "fit_data", "residuals") for ending in ENDINGS}
     written = {
         path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()
     }
@@ -105,21 +103,13 @@ def test_the_page_tells_how_to_make_it_again(sweep: Path, tmp_path: Path, capsys
 
 
 @pytest.mark.slow
-def test_a_free_decay_has_a_backbone_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_free_decay_needs_no_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = TIME[:600]
     clean = motion(viscous(0.03), lambda _: 0.0, t, (0.5, 0.0))[0]
     file = write(tmp_path / "a.csv", t=t, y=noisy(clean, 0.002, 5))
     found = identified(capsys, file, "--time", "t", "--output", "y:rad", "--model", "linear", "--out", tmp_path)
     assert found["damping_ratio"]["value"] == pytest.approx(0.03, rel=0.02)
-    assert (tmp_path / "figures" / "backbone.png").stat().st_size > 10_000
-
-
-def test_profiles_are_added_where_they_are_asked_for(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = identified(capsys, sweep, *COLUMNS, "--model", "cubic", "--profile")
-    [(name, interval)] = found["profile"].items()
-    assert name.startswith("cubic_per_s2")
-    plain = found["parameters"][name]  # so well known a number has nearly a parabola for a sum of squares
-    assert interval["interval90"] == pytest.approx(plain["interval90"], abs=0.1 * plain["std"])
+    assert (tmp_path / "figures" / "residuals.png").stat().st_size > 10_000
 
 
 def test_electrical_units_and_none_at_all_give_the_same_oscillation(

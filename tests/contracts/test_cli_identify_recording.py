@@ -40,7 +40,6 @@ def test_an_imported_recording_is_asked_what_drives_it(
     --kind stepped --run 2 => knows its columns
     --model tendon => names none
     --pretension 4 --excitation force => imported
-    --bootstrap 50 --excitation force => imported
     --model tendon --posterior => posterior does not go
     --model tendon --train 0:100 => train does not go
 """)
@@ -76,16 +75,7 @@ def test_segments_of_one_pretension_of_a_rig_are_fitted_together(
     assert (tmp_path / "figures" / "fit_data.png").is_file()
 
 
-@pytest.mark.slow
-def test_repeats_of_a_rig_give_intervals_by_bootstrap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = identified(capsys, rig_recording(tmp_path, 3), *LINEAR, "--bootstrap", "20")
-    assert found["bootstrap"]["natural_frequency_hz"]["value"] == pytest.approx(Joint.at(0.0).natural_hz, rel=2e-3)
-    assert 0 < found["bootstrap"]["damping_ratio"]["std"] < 0.002  # nothing but the gyroscope's noise differs
-    assert "bootstrap: " in found["message"]
-
-
 @command_lines("""
-    --bootstrap 20 => repeats nothing
     --pretension 5 => the recording has 0, 4
     --train 0:100 => one record
     --model tendon => names none

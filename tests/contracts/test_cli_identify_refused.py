@@ -56,7 +56,6 @@ def test_a_lever_taken_for_a_force_is_named(tmp_path: Path, capsys: pytest.Captu
     --excitation wind => force
     --rig paper => --rig is for
     --pretension 4 => --pretension is for
-    --bootstrap 50 => repeats
     --train 5 => A:B
     --train 0:8 => at least 16
     --train 900:400 => A < B

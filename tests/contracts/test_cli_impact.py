@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns.impacts import Pulse, struck
-from tests.contracts.commands import answered_with_remarks, refused
+from tests.contracts.commands import answered_with_remarks
+from tests.experiments.impacts import Pulse, struck
 
 from sinew.apps.cli import main
 
@@ -61,11 +61,3 @@ def test_a_kind_of_a_recording_of_a_table_can_be_said(
     said, _ = answered_with_remarks(capsys, "analyse", tmp_path / "a.nc", "--kind", "impact")
     assert found.pop("kind_reason")
     assert found == said
-
-
-def test_a_kind_that_there_is_not_is_refused_with_those_that_there_are(
-    table: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert "auto, ring-down, sweep, broadband, impact" in refused(
-        capsys, "analyse", str(table), *COLUMNS, "--kind", "hit"
-    )

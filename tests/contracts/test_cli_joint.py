@@ -1,4 +1,4 @@
-"""The commands for joints that are not built yet: `sinew joint`, `sinew predict --section`, `sinew compare`."""
+"""The commands for joints that are not built yet: `sinew joint`, `sinew predict --section` and of several."""
 
 import json
 from pathlib import Path
@@ -96,7 +96,7 @@ def test_a_described_joint_is_predicted_as_the_rig_that_is_written_of_it(
     assert {"check", "value", "limit", "holds", "sentence"} == set(described["validity"][0])
     assert described["section"]["shape"] == "annulus of 60 and 30 mm"
     assert json.loads((out / "prediction.json").read_text(encoding="utf-8"))["branches"] == described["branches"]
-    assert "sinew predict --section annulus" in (out / "prediction.html").read_text(encoding="utf-8")
+    assert "--section annulus --outer-mm 60 --inner-mm 30" in (out / "prediction.html").read_text(encoding="utf-8")
     assert (out / "figures" / "predicted_response.png").stat().st_size > 10_000
 
 
@@ -107,7 +107,7 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     soft, out = tmp_path / "soft.toml", tmp_path / "compared"
     main(["joint", "--shear-modulus-kpa", "150", "--name", "soft", "--out", str(soft)])
     capsys.readouterr()
-    document = answered(capsys, "compare", "paper", str(soft), *SHORT, "--out", str(out))
+    document = answered(capsys, "predict", "paper", str(soft), *SHORT, "--out", str(out))
     assert [rig["rig"] for rig in document["rigs"]] == ["paper", "soft"]
     assert document["amplitude_deg"] == 10
     first, second = (rig["branches"][0]["peak"] for rig in document["rigs"])
@@ -127,10 +127,10 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     joint --material dragon-skin-30 --shear-modulus-kpa 9 => expected one way to say
     joint --section polygon --polygon nowhere.csv => nowhere.csv
     joint --length-mm -5 => --length-mm is -5, expected 1 to 5000
-    predict --oscillator x=1 --length-mm 50 => --length-mm is for a rig
-    predict --oscillator x=1 --out o => --out is for a rig
-    compare paper => found 1 rig, expected two or more
-    compare paper paper --pretension-mm -2 => cables cannot push
+    predict --oscillator x=1 --length-mm 50 => --length-mm is for a rig or a bent joint
+    predict --oscillator x=1 --out o => --out is for a rig, several rigs,
+    predict paper paper --backbone => and this is several rigs
+    predict paper paper --pretension-mm -2 => cables cannot push
 """)
 def test_what_cannot_be_meant_is_refused_in_one_line(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]

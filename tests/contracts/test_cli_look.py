@@ -10,8 +10,8 @@ from tests.contracts.commands import answered, refused
 from tests.unit.dialects import DIALECTS, STEP, SWING, TEXTS, TIME, Dialect, rows
 
 from sinew.apps.cli import main
-from sinew.measure.files.csv import import_csv
 from sinew.measure.files.netcdf import save_recording
+from sinew.measure.read import read
 
 QUICK = {"labview.lvm", "tektronix_old.csv", "headless_german.csv", "plotjuggler.csv", "runs_below.csv"}
 
@@ -90,11 +90,7 @@ def test_a_file_of_several_runs_is_listed_and_the_chosen_one_shown(
 
 def test_a_recording_is_told_by_its_segments_and_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     swing_without(tmp_path, slice(0))
-    save_recording(import_csv(tmp_path / "gap.csv"), tmp_path / "swing.nc")
+    save_recording(read(tmp_path / "gap.csv"), tmp_path / "swing.nc")
     found = answered(capsys, "look", tmp_path / "swing.nc")
     assert found["command"] == f"sinew analyse {tmp_path / 'swing.nc'}"
     assert [(one["name"], one["unit"]) for one in found["columns"]] == [("time_s", "s"), ("torsion_rad", "rad")]
-
-
-def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "cannot read" in refused(capsys, "look", tmp_path / "absent.csv")

@@ -16,11 +16,9 @@ FEW = ("--from-hz", "2", "--to-hz", "4", "--bands", "20")
 
 def held(unit: str, excitation: str = "none", **more: float) -> dict[str, Any]:
     numbers = {"stiffness": OMEGA**2, "damping": 0.1 * OMEGA} | more
-    values = np.array(list(numbers.values()))
-    known = Mechanics(
-        "linear", excitation, unit, "N*m", tuple(numbers), values, np.diag((1e-3 * values) ** 2), 500.0, 0.5
-    )  # type: ignore[arg-type]
-    return {"model": "linear", "mechanics": known.to_json()}
+    spread = np.diag((1e-3 * np.array(list(numbers.values()))) ** 2)
+    known = Mechanics("linear", excitation, unit, "N*m", numbers, spread, 500.0, 0.5)  # type: ignore[arg-type]
+    return {"model": "linear", "mechanics": known.to_dict()}
 
 
 @pytest.fixture
@@ -107,8 +105,8 @@ def test_numbers_without_a_unit_are_in_that_of_the_decay(
     angle.json --torque 0,1 --through 3:1 => positive amplitudes
     angle.json --base 1:mm => cannot be turned into 'rad'
     angle.json --base 1 --amplitude-deg 5 => --amplitude-deg
-    angle.json --base 1 --backbone => --backbone does not go with a fit
-    angle.json --base 1 --length-mm 50 => --length-mm does not go with a fit
+    angle.json --base 1 --backbone => --backbone is for a rig or an oscillator (--oscillator), and this is a fit
+    angle.json --base 1 --length-mm 50 => --length-mm is for a rig or a bent joint (--bend-deg), and this is a fit
     angle.json --base 1 --from-hz 4 --to-hz 2 => from 4 to 2 Hz
     joint.json --base 1 => sinew calibrate
     old.json --base 1 => identify anew
@@ -116,6 +114,7 @@ def test_numbers_without_a_unit_are_in_that_of_the_decay(
     text.json --base 1 => is not JSON
     none.json --base 1 => cannot read none.json
     paper --through 3:1 => --through is for a fit
+    angle.json angle.json --base 1 => found 2 files, expected one fit
 """)
 def test_what_cannot_be_meant_is_refused_in_one_line(
     arguments: tuple[str, ...], sentence: str, fits: Path, capsys: pytest.CaptureFixture[str]

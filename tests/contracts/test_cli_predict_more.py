@@ -83,7 +83,7 @@ def test_against_a_recording_has_the_keys_of_the_reference_and_the_figure(
 @command_lines("""
     plain.toml --bands 20 => holds no intervals
     mine.toml --bands 3 => --bands
-    --oscillator inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1 --torque-n-m 1 --bands 20 => --bands is for a rig
+    --oscillator inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1 --torque-n-m 1 --bands 20 => is an oscillator
     mine.toml --fitted-mm '0, 4' => name one with --against
     mine.toml --against other.nc --fitted-mm zero => zero or more, as 0,4,8
     mine.toml --against plain.toml => is not a NetCDF file
@@ -102,10 +102,10 @@ def test_what_cannot_be_meant_is_refused(
 
 
 @command_lines("""
-    predict paper --azimuth-deg 90 => --azimuth-deg without --bend-deg
-    predict paper --bend-deg 20 --bands 20 => --bands does not go with --bend-deg
-    predict paper --bend-deg 20 --backbone => --backbone does not go with --bend-deg
-    predict paper --bend-deg 20 --torque-n-m 1 => --torque-n-m does not go with --bend-deg
+    predict paper --azimuth-deg 90 => --azimuth-deg is for a bent joint (--bend-deg), and this is a rig
+    predict paper --bend-deg 20 --bands 20 => --bands is for a rig or a fit (FIT.json), and this is a bent joint
+    predict paper --bend-deg 20 --backbone => --backbone is for a rig or an oscillator
+    predict paper --bend-deg 20 --torque-n-m 1 => --torque is for a fit (FIT.json) or an oscillator
     predict --bend-deg 20 => expected a RIG
     predict paper --bend-deg 20 --out folder => ends with .png, .pdf or .svg
     predict paper --bend-deg 61 => --bend-deg

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from tests.contracts.commands import answered, command_lines, refused
 
 from sinew.analysis.analysed import analyse_with
 from sinew.apps.cli import main
 from sinew.apps.recordings.stored import hash_file, stored_answers, stored_beyond, stored_effects, stored_results
-from sinew.measure.files.csv import import_csv
 from sinew.measure.files.netcdf import load_dataset, load_recording, save_dataset, save_recording
+from sinew.measure.read import read
 from sinew.plan.toml import dump_rig, load_rig
 
 RIG = load_rig("paper")
@@ -25,7 +26,7 @@ def recording(folder: Path, rate: float) -> xr.Dataset:
     angle = 30 * np.exp(-rate * TIME) * np.cos(2 * np.pi * 3 * TIME) + np.random.default_rng(3).normal(0, 0.02, 1200)
     rows = [f"{t:.4f},{x:.6f}" for t, x in zip(TIME, angle, strict=True)]
     (folder / "decay.csv").write_text("t,phi\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    save_recording(import_csv(folder / "decay.csv", time="t", response="phi:deg"), folder / "recording.nc")
+    save_recording(read(folder / "decay.csv", time="t", response="phi:deg"), folder / "recording.nc")
     return load_recording(folder / "recording.nc")
 
 
@@ -35,30 +36,18 @@ def results_in(folder: Path, of: xr.Dataset) -> Path:
     return folder / "results.nc"
 
 
-def test_results_of_the_same_recording_and_rig_are_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = recording(tmp_path, 1.2)
-    assert stored_results(results_in(tmp_path, found), found, RIG) is not None
-    assert capsys.readouterr().err == ""
-
-
-def test_results_of_another_recording_are_not_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = results_in(tmp_path, recording(tmp_path, 1.2))
-    assert stored_results(path, recording(tmp_path, 2.4), RIG) is None
-    assert "results.nc was made from another recording; analysed anew" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("rig", [OTHER, None])
-def test_results_of_another_rig_are_not_taken_up(
-    rig: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_results_are_taken_up_by_the_same_recording_and_rig_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = recording(tmp_path, 1.2)
-    assert stored_results(results_in(tmp_path, found), found, rig) is None  # type: ignore[arg-type]
-    assert "made with another rig" in capsys.readouterr().err
-
-
-def test_results_that_are_damaged_are_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = recording(tmp_path, 1.2)
     path = results_in(tmp_path, found)
+    assert stored_results(path, found, RIG) is not None
+    assert capsys.readouterr().err == ""
+    for rig in (OTHER, None):
+        assert stored_results(path, found, rig) is None
+        assert "made with another rig" in capsys.readouterr().err
+    assert stored_results(path, recording(tmp_path, 2.4), RIG) is None
+    assert "results.nc was made from another recording; analysed anew" in capsys.readouterr().err
     path.write_bytes(path.read_bytes()[:2000])
     assert stored_results(path, found, RIG) is None
     assert "results.nc cannot be used" in capsys.readouterr().err
@@ -91,11 +80,6 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_foreign_recording_is_reported_without_a_rig(lab: Path) -> None:
-    assert (lab / "report.html").is_file()
-    assert list((lab / "figures").glob("*.png"))
-
-
 def test_the_report_of_a_changed_recording_is_made_from_the_changed_recording(
     lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,13 +98,7 @@ def test_the_report_keeps_the_command_that_made_the_recording(lab: Path, tmp_pat
     assert main(["report", str(folder), "--json"]) == 0
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "sinew reproduce --plan short --seed 5" in page
-    assert "sinew report" not in page
-
-
-def test_the_command_of_a_recording_does_not_change_its_hash(lab: Path, tmp_path: Path) -> None:
-    before = load_recording(lab / "recording.nc")
-    save_recording(before.assign_attrs(command="sinew simulate elsewhere"), tmp_path / "recording.nc")
-    assert load_recording(tmp_path / "recording.nc").attrs["content_hash"] == before.attrs["content_hash"]
+    assert f"sinew report {folder}" not in page
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +106,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a foreign recording that was asked the open questions."""
     folder = tmp_path_factory.mktemp("asked")
     recording(folder, 1.2)
-    assert main(["answer", str(folder / "recording.nc"), "--json"]) == 0
+    assert main(["report", str(folder / "recording.nc"), "--answers", "--json"]) == 0
     return folder
 
 
@@ -140,6 +118,7 @@ def test_a_foreign_decay_is_told_what_it_cannot_answer(asked: Path) -> None:
     assert {verdicts[name] for name in ("saturation", "losses", "constancy", "delay")} == {"cannot tell"}
     page = (asked / "answers.html").read_text(encoding="utf-8")
     assert "no rig is known" in page
+    assert 'href="report.html"' in page
 
 
 def test_a_linear_foreign_decay_does_not_harden(asked: Path) -> None:
@@ -166,10 +145,44 @@ def test_answers_of_another_recording_are_left_out(
 
 def test_a_report_without_answers_says_how_to_get_them(lab: Path) -> None:
     page = (lab / "report.html").read_text(encoding="utf-8")
-    assert "sinew answer recording.nc" in page
+    assert list((lab / "figures").glob("*.png"))
+    assert "sinew report --answers" in page
     assert "answers.html" not in page
 
 
-def test_answer_of_no_file_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["answer", "nowhere.nc"]) == 2
-    assert "found no recording nowhere.nc" in capsys.readouterr().err
+def test_results_of_another_recording_in_the_folder_are_not_replaced(
+    lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, other = Path(shutil.copytree(lab, tmp_path / "lab")), tmp_path / "other.nc"
+    before = (folder / "results.nc").read_bytes()
+    recording(tmp_path, 2.4)
+    (tmp_path / "recording.nc").rename(other)
+    assert "results.nc exists" in refused(capsys, "report", other, "--out", folder)
+    assert (folder / "results.nc").read_bytes() == before
+    assert main(["report", str(other)]) == 0
+    assert (tmp_path / "other" / "report.html").is_file()
+
+
+def test_a_report_films_the_decay_on_request(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = (str(lab / "recording.nc"), "--film", "ring-down", "--out", str(tmp_path))
+    film = answered(capsys, "report", *words)["film"]
+    assert film == {"film": str(tmp_path / "figures" / "ring-down.webp"), "kind": "ring-down"} | {
+        "frames": film["frames"],
+        "lasts_s": film["frames"] / 20,
+    }
+    assert 5.5 < film["lasts_s"] < 6.5
+    assert Path(film["film"]).stat().st_size > 10_000
+    assert "sinew report" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@command_lines("""
+    report paper --film sweep => --film is for a recording, and paper is a rig
+    report paper --rig short => --rig is for a recording
+    report recording.nc --film backwards => sweep, ring-down
+    report nowhere => found no recording nowhere
+""")
+def test_what_cannot_be_reported_is_one_line(
+    arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sentence in refused(capsys, *arguments)
+    assert list(here.iterdir()) == []

@@ -17,7 +17,7 @@ from tests.patience import await_end, comes, finished
 from sinew.apps.cli import main
 from sinew.bench.record.journal import JournalReader
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.ports import SerialPort
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals and limits of Linux")
 
@@ -31,7 +31,7 @@ def plan(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Playing]:
-    with playing(tmp_path, "--unloaded") as emulator:
+    with playing(tmp_path) as emulator:
         yield emulator
 
 
@@ -48,11 +48,6 @@ def torques(truth: dict[str, list[dict[str, bool]]]) -> list[bool]:
     return [motor["torque"] for motor in truth["motors"]]
 
 
-def test_a_port_that_is_not_there_is_refused(plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(capsys, plan, str(tmp_path / "ttyUSB9"), tmp_path / "out")
-    assert all(word in said for word in ("cannot open", "ttyUSB9", "No such file", "plugged in"))
-
-
 def test_a_file_that_is_no_port_is_refused(plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = refused(capsys, plan, str(plan), tmp_path / "out")
     assert all(word in said for word in ("cannot open", str(plan), "expected a free serial port"))
@@ -66,13 +61,6 @@ def test_a_port_that_another_program_has_is_refused(
     holder.close()
     assert all(word in said for word in ("cannot open", bench.port, "no other program on it"))
     assert not any(torques(bench.truth()))
-
-
-def test_devices_at_another_baud_are_refused(plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with playing(tmp_path, "--unloaded", "--baud", "57600") as bench:
-        said = refused(capsys, plan, bench.port, tmp_path / "out")
-        assert all(word in said for word in ("no device answers at 1000000 baud", "another baud", "sinew doctor"))
-        assert not any(torques(bench.truth()))
 
 
 @pytest.mark.slow
@@ -128,17 +116,6 @@ def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_state(bench: Playing
     assert (status, any(torques(bench.truth()))) == (1, False)
     with JournalReader(out / "journal.sqlite") as journal:
         assert str(journal.events()[-1][1]).startswith("the terminal closed; release: tension let down")
-
-
-@pytest.mark.slow
-@pytest.mark.realtime
-def test_a_port_that_goes_away_ends_the_run_with_a_sentence(bench: Playing, plan: Path, tmp_path: Path) -> None:
-    with running(bench.port, plan, tmp_path / "out") as process:
-        bench.process.kill()
-        status, out, err = ended(process)
-    assert (status, "Traceback" in err) == (1, False)
-    assert out.startswith(f"lost {bench.port} (")
-    assert "the port is gone: the motors' bus watchdog has stopped them where they are" in out
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ def test_a_bench_left_in_hold_is_refused_to_a_new_run(
     held: tuple[WatchedPort, str], plan: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = run(capsys, plan, tmp_path / "other", "--rig", held[1])
-    assert (told.status, "torque is on at all motors" in told.err) == (2, True)
+    assert (told.status, "torque on at all motors" in told.err) == (2, True)
 
 
 @pytest.mark.slow
@@ -38,17 +38,6 @@ def test_a_bench_left_in_hold_is_taken_over_by_resuming(
 ) -> None:
     told = run(capsys, plan, out, "--rig", held[1], "--resume")
     assert (told.status, "has travelled" in told.out, all(torques(held[0].rig))) == (1, True, True)
-
-
-@pytest.mark.slow
-def test_resuming_with_another_plan_is_refused(
-    held: tuple[WatchedPort, str], out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = tmp_path / "other.toml"
-    other.write_text(TINY.replace("periods = 3", "periods = 4"))
-    told = run(capsys, str(other), out, "--rig", held[1], "--resume")
-    assert (told.status, told.err.count("\n")) == (2, 1)
-    assert all(word in told.err for word in ("begun with another plan", "periods = 4", "periods = 3", "use the same"))
 
 
 def test_resuming_with_another_rig_or_without_a_motor_is_refused_and_leaves_the_journal_as_it_was(
@@ -69,7 +58,7 @@ def test_a_run_that_was_interrupted_is_completed_by_resuming(tmp_path: Path, mon
     plan.write_text(TINY)
     port = virtual_port(monkeypatch, spec, joint(spec))
     command = ("run", str(plan), "--port", "b", "--out", str(out), "--json")
-    interrupt(port, 12.0)  # in its second group
+    interrupt(port, 13.0)  # in its second group
     first = json.loads(spoken(*command)[1])
     port.wait_until(port.now() + 10.0)  # until the joint is at rest
     second = json.loads(spoken(*command, "--resume")[1])

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from benchmarks.run_index import FALLS_HZ, make_runs
 from tests.contracts.commands import answered, refused
+from tests.experiments.run_index import FALLS_HZ, make_runs
 
 from sinew.apps.cli import main
 
@@ -17,7 +17,7 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_search_lists_the_runs_that_meet_it(year: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = answered(capsys, "runs", year, "--search", "f_r>3 pretension=6 tag:aged")
+    found = answered(capsys, "runs", year, "--search", "f_r=3.. pretension=6 aged")
     assert [run["name"] for run in found["runs"]] == ["run-0010", "run-0000"]
     assert {row["pretension_mm"] for run in found["runs"] for row in run["found"]} == {6.0}
 
@@ -39,7 +39,7 @@ def test_a_trend_is_drawn_and_says_its_sentence(year: Path, tmp_path: Path, endi
 
 
 def test_wrong_input_is_one_sentence(year: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "is f_r meant" in refused(capsys, "runs", year, "--search", "f_q>3")
+    assert "is f_r meant" in refused(capsys, "runs", year, "--search", "f_q=3..")
     assert "expected one of f_r" in refused(capsys, "runs", year, "--trend", "beauty")
     assert "there is no folder" in refused(capsys, "runs", tmp_path / "none")
     assert "--trend" in refused(capsys, "runs", year, "--out", tmp_path / "x.svg")

@@ -222,7 +222,7 @@ def test_after_a_run_was_killed_the_bench_is_brought_to_rest(
 ) -> None:
     plan = tmp_path / "tiny.toml"
     plan.write_text(TINY)
-    with playing(tmp_path, "--unloaded") as bench:
+    with playing(tmp_path) as bench:
         with running(bench.port, plan, tmp_path / "out") as process:
             process.kill()
             await_end(process, PATIENCE)

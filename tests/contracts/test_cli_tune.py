@@ -61,7 +61,7 @@ def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     design --stride-hz 0.7:1.1 --yaw-deg 7 --envelope-mm big => --envelope-mm is 'big'
     design --stride-hz 0.7:1.1 --yaw-deg 7 --shape star => the section 'star'
     design --stride-hz 0.7:1.1 --yaw-deg 7 --material dragon-skin-31 => did you mean dragon-skin-30
-    design --gait nowhere.json => cannot read nowhere.json
+    design --walk nowhere.csv => cannot read nowhere.csv
 """)
 def test_a_wrong_command_line_is_one_line_and_status_2(
     arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]

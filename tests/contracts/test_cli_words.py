@@ -58,8 +58,8 @@ def test_a_base_of_one_degree_is_one_degree_in_python_and_on_the_command_line(
     t = np.arange(0, 4, 0.01)
     swing = 0.35 * np.exp(-1.2 * t) * np.cos(2 * np.pi * 3 * t) + np.random.default_rng(0).normal(0, 0.003, t.size)
     fit = sn.identify(sn.make_record(t, swing, output_unit="rad"), "linear")
-    Path("fit.json").write_text(json.dumps(fit.document))
-    (level,) = fit.predict(base=1.0, draws=20).document()["levels"]
+    Path("fit.json").write_text(json.dumps(fit.to_dict()))
+    (level,) = fit.predict(base=1.0, draws=20).to_dict()["levels"]
     assert level["level"] == pytest.approx(1.0)
     assert main(["predict", "fit.json", "--base", "1", "--bands", "20", "--json"]) == 0
     (same,) = json.loads(capsys.readouterr().out)["levels"]

@@ -19,7 +19,7 @@ SENTENCE += "compute on the CPU (--device cpu)"
     "words",
     [
         "design --stride-hz 0.7:1.1 --yaw-deg 7 --out torso",
-        "workspace paper --pretension-mm 6 --step-deg 20 --out map.png",
+        "pose paper --map --pretension-mm 6 --step-deg 20 --out map.png",
         "calibrate paper --paper --posterior --out mine.toml",
     ],
 )
@@ -39,13 +39,13 @@ def test_the_benchmark_says_why_the_figure_of_a_gpu_is_missing(monkeypatch: pyte
 
 
 def test_the_benchmark_says_that_the_figure_of_a_gpu_is_missing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     one = {"seconds": 2.0, "cpu_s": 1.5, "kind": "float64", "values": [[1.0]]}
     told = {"cpu": {"64 designs": one}, "gpu": SENTENCE}
     monkeypatch.setattr(gpu, "asked", lambda device, _counts: told[device])
-    gpu.main()
-    assert f"the GPU's figure is missing: {SENTENCE}" in capsys.readouterr().out
+    (row,) = gpu.rows()
+    assert (row.theirs, row.note) == (None, f"the GPU's figure is missing: {SENTENCE}")
 
 
 @pytest.mark.slow

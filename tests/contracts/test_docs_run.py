@@ -41,7 +41,7 @@ def test_a_page_is_taken_apart_in_the_order_of_reading() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals of Linux")
 def test_what_a_page_leaves_running_ends_with_it(tmp_path: Path) -> None:
-    page = "```console\n$ sinew emulate --link bench --unloaded > log 2>&1 &\n```\n"
+    page = "```console\n$ sinew emulate --link bench > log 2>&1 &\n```\n"
     bench = tmp_path / "bench"
     was_there = [until(bench.exists, 60.0) for _ in run_page(page, tmp_path)]
     gone = until(lambda: not bench.is_symlink(), 60.0)

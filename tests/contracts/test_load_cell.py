@@ -9,10 +9,10 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 from tests.unit.bench_virtual import virtual_bench
+from tests.unit.emulator_stand_in import StandIn
 
 from sinew.apps.dashboard.work.samples import LiveChannels
 from sinew.bench.guard import Guard, Watch
-from sinew.emulator.plant import Unloaded
 from sinew.measure.errors import LostError, SpecError
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.rig import RigSpec
@@ -98,7 +98,7 @@ def test_a_run_on_the_emulated_bench_records_what_the_load_cell_tells(
 
 
 def test_a_load_cell_that_falls_silent_ends_the_run_by_name() -> None:
-    bench, guard = virtual_bench(celled(), plant=Unloaded(4, celled())), Guard(celled())
+    bench, guard = virtual_bench(celled(), plant=StandIn()), Guard(celled())
     bench.emulated.sensors[0].is_powered = False
     watch = Watch(tuple(motor.angle() for motor in bench.rig.tendons), (0.0,) * 4)
 

@@ -104,15 +104,6 @@ def test_the_pages_are_begun_before_the_emulated_bench_is_ready(tmp_path: Path) 
     assert not was_ready
 
 
-def test_an_upright_plan_gets_the_upright_bench_back(begin: Callable[..., tuple[Served, Commands]]) -> None:
-    served, commands = begin()
-    for name, text in (("one", bent()), ("two", plan())):
-        started(served, name, text)
-        until(lambda: served.runs_as("running"))
-        over(served)
-    assert FLAG not in commands.last("emulate")
-
-
 def test_a_second_bent_plan_finds_the_bench_that_is_there(begin: Callable[..., tuple[Served, Commands]]) -> None:
     served, commands = begin()
     for name in ("one", "two"):
@@ -121,19 +112,6 @@ def test_a_second_bent_plan_finds_the_bench_that_is_there(begin: Callable[..., t
         over(served)
     assert [words[0] for words in commands.words].count("emulate") == 2
     assert "--wait" not in commands.last("run")
-
-
-def test_a_steward_after_this_one_knows_that_the_bench_is_in_space(
-    begin: Callable[..., tuple[Served, Commands]],
-) -> None:
-    served, commands = begin()
-    started(served, "one", bent())
-    emulator = served.steward._emulator
-    assert emulator is not None
-    until(lambda: emulator.is_ready)
-    other = type(emulator)(served.runs / ".bench", commands)
-    assert other.open("paper", 0)
-    assert other.is_in_space
 
 
 def test_an_emergency_while_the_bench_is_begun_anew_ends_the_run_and_asks_no_port(
@@ -163,9 +141,7 @@ def test_the_emulated_bench_plays_the_rig_of_the_run(begin: Callable[..., tuple[
     assert [words[0] for words in commands.words].count("emulate") == 2  # the second run found it there
     emulator = served.steward._emulator
     assert emulator is not None
-    other = type(emulator)(served.runs / ".bench", commands)
-    assert other.open("paper", 0)
-    assert other.spec == short
+    assert emulator.plays(short, in_space=False)
     started(served, "three", plan())
     until(lambda: served.runs_as("running"))
     words = commands.last("emulate")
@@ -177,13 +153,6 @@ def test_an_emulated_rig_without_masses_is_not_bent(begin: Callable[..., tuple[S
     said = started(served, "one", bent(), dump_rig(load_rig("paper").model_copy(update={"space": None})))
     assert (said["ok"], "has no [space]" in str(said["sentence"])) == (False, True)
     assert FLAG not in commands.last("emulate")
-
-
-def test_a_plan_that_no_bench_drives_is_refused(begin: Callable[..., tuple[Served, Commands]]) -> None:
-    served, _ = begin()
-    said = started(served, "one", plan() + '[impulse]\nabout = "pitch"\nimpulse_n_m_s = 0.01\nrecord_s = 1\n')
-    assert "the bench has no hammer" in str(said["sentence"])
-    assert not (served.runs / "one").exists()
 
 
 def test_an_emulated_bench_that_was_killed_at_rest_is_said_to_be_gone_and_begun_anew_by_the_next_run(

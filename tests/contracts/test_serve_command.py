@@ -4,26 +4,20 @@ import importlib.util
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from queue import Queue
-from types import SimpleNamespace
 from typing import Any
-from urllib.parse import unquote, urlsplit
 
 import httpx
 import pytest
 from tests.contracts.commands import command_lines
-from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, serving, until
+from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, until
 from tests.patience import await_end, comes, communicate
 
-from sinew.apps.bench import serve as serve_command
 from sinew.apps.cli import main
-from sinew.apps.dashboard.run_desk import Adopted
 from sinew.measure.errors import how_to_install
 
 
@@ -62,36 +56,21 @@ def status(ready: dict[str, Any]) -> Any:
 
 def begin_run(ready: dict[str, Any]) -> int:
     """Begin a run, and return the number of its process once it listens."""
-    ticket = told(ready, "/ticket", {})["ticket"]
-    told(ready, "/command", {"ticket": ticket, "number": 1, "command": "take"})
-    start = {"ticket": ticket, "number": 2, "command": "start", "name": "monday", "plan": plan(), "rig": RIG}
+    told(ready, "/command", {"page": "a-page-of-tests", "command": "take"})
+    start = {"page": "a-page-of-tests", "command": "start", "name": "monday", "plan": plan(), "rig": RIG}
     assert told(ready, "/command", start)["ok"] is True
     until(lambda: status(ready)["run"]["state"] == "running")
     return int(status(ready)["run"]["pid"])
 
 
-def test_a_killed_steward_leaves_its_run_going_and_the_next_one_finds_it(tmp_path: Path, token_file: Path) -> None:
-    runs = tmp_path / "runs"
-    with served(runs, token_file, "--port-bench", "/dev/bench") as (process, ready):
-        pid = begin_run(ready)
-        process.kill()
-        await_end(process)
-    with serving(runs) as again:
-        assert again.status()["run"]["pid"] == pid
-        again.operator().says("stop")
-        assert until(lambda: again.status()["last"])["sentence"] == "stop was asked for; nothing moves"
-
-
-def test_ctrl_c_leaves_a_run_on_a_bench_going_and_says_how_to_stop_it(tmp_path: Path, token_file: Path) -> None:
+def test_ctrl_c_ends_a_run_first_and_says_so(tmp_path: Path, token_file: Path) -> None:
     with served(tmp_path / "runs", token_file, "--port-bench", "/dev/bench") as (process, ready):
-        run = Adopted(begin_run(ready))
+        begin_run(ready)
         process.send_signal(signal.SIGINT)
         _, err = communicate(process)
-    goes_on = run.poll() is None
-    run.send_signal(signal.SIGKILL)
-    run.close()
-    assert (process.returncode, goes_on) == (0, True)
-    assert [fact for fact in ("run monday goes on", "`sinew serve`", f"`kill -INT {run.pid}`") if fact not in err] == []
+    said = json.loads((tmp_path / "runs" / "monday" / "run.log").read_text())
+    assert (process.returncode, said["ended"]) == (0, "stop was asked for")
+    assert "the run monday is stopped; Ctrl-C again does not wait" in err
 
 
 def test_the_address_holds_the_token_where_no_server_sees_it_and_the_page_ends_with_a_killed_steward(
@@ -132,21 +111,6 @@ def test_an_address_for_all_needs_a_token_to_look_and_comes_with_a_word_on_tunne
         process.send_signal(signal.SIGTERM)
         _, err = communicate(process)
     assert (answer.status_code, "ssh -L" in err) == (401, True)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_a_crowd_leaves_a_number_below_1024_for_the_serial_port(tmp_path: Path, token_file: Path) -> None:
-    with served(tmp_path / "runs", token_file) as (process, ready), ExitStack() as stack:
-        address = ("127.0.0.1", int(ready["steering"].split(":")[2]))
-        highest = 0
-        for number in range(3000):
-            line = socket.create_connection(address, timeout=PATIENCE)
-            stack.callback(line.close)
-            if number % 100 == 0:
-                highest = max(highest, *(int(name.name) for name in Path(f"/proc/{process.pid}/fd").iterdir()))
-        assert told(ready, "/command", {"command": "emergency"})["sentence"].startswith("no bench is connected")
-    assert 700 < highest < 1000
 
 
 @command_lines("""
@@ -192,42 +156,6 @@ def test_without_its_packages_the_command_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert main(["serve"]) == 2
     assert f"`make serve` installs it, or: {how_to_install('dashboard')}" in capsys.readouterr().err
-
-
-def test_the_browser_gets_the_token_in_a_file_for_its_owner_that_goes_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen: Queue[tuple[str, str, int]] = Queue()
-
-    def browse(address: str) -> None:
-        file = Path(unquote(urlsplit(address).path))
-        seen.put((address, file.read_text(encoding="utf-8"), file.stat().st_mode & 0o777))
-
-    monkeypatch.setattr("webbrowser.open", browse)
-    url = f"http://127.0.0.1:8080/#token={TOKEN}"
-    with serve_command.opened(url, tmp_path):
-        address, page, mode = seen.get(timeout=PATIENCE)
-    assert (url in page, TOKEN in address, mode) == (True, False, 0o600)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("is_terminal", "surroundings", "opens"),
-    [
-        (True, {"DISPLAY": ":0"}, True),
-        (True, {"WAYLAND_DISPLAY": "wayland-0"}, True),
-        (False, {"DISPLAY": ":0"}, False),
-        (True, {}, False),
-        (True, {"DISPLAY": "localhost:10.0", "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.2 22"}, False),
-    ],
-)
-def test_a_browser_is_opened_where_who_reads_the_terminal_sees_it(
-    is_terminal: bool, surroundings: dict[str, str], opens: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(sys, "stdout", SimpleNamespace(isatty=lambda: is_terminal))
-    monkeypatch.setattr(os, "environ", surroundings)
-    assert serve_command._has_screen() is opens
 
 
 def test_the_steward_loads_neither_jax_nor_nicegui() -> None:

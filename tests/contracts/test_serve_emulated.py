@@ -3,18 +3,20 @@
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import alone
-from tests.contracts.serving import PAGE, RIG, Served, serving, until
+from tests.contracts.serving import PAGE, PATIENCE, RIG, TOKEN, Page, Served, free_port, serving, until
 
 from sinew.apps.bench.run_control import send_control
 from sinew.apps.dashboard.emergency import bring_to_rest
-from sinew.apps.dashboard.run_desk import LOG, sinew_command
+from sinew.apps.dashboard.run_desk import LOG, ending_of, sinew_command
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -75,12 +77,29 @@ def test_a_run_in_motion_is_stopped(tmp_path: Path) -> None:
     assert truth(tmp_path / "runs")["in_safe_state"] is True
 
 
-def test_an_emulator_that_a_killed_steward_left_is_taken_over(tmp_path: Path) -> None:
-    with alone(), serving(tmp_path / "runs", **REAL) as served:
-        emulator = served.steward._emulator
-        assert emulator is not None
-        other = type(emulator)(tmp_path / "runs" / ".bench", sinew_command)
-        was_there = other.open("paper", 0)
-        other.close()
-        assert was_there
-        assert not emulator.is_there
+def test_after_a_kill_of_the_server_the_motors_are_safe_and_the_run_can_go_on(tmp_path: Path) -> None:
+    runs, port = tmp_path / "runs", free_port()
+    token = tmp_path / "token"
+    token.write_text(TOKEN)
+    token.chmod(0o600)
+    words = ["--emulate", "--runs", str(runs), "--http", f"127.0.0.1:{port}", "--token-file", str(token), "--json"]
+    command = [str(Path(sys.executable).with_name("sinew")), "serve", *words]
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    with (
+        alone(),
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+        httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=headers, timeout=PATIENCE) as client,
+    ):
+        assert process.stdout is not None
+        process.stdout.readline()
+        page = Page(client)
+        page.says("take")
+        assert page.says("start", name="one", plan=TINY, rig=RIG).status_code == 200
+        log = runs / "one" / LOG
+        until(lambda: "pulled to first contact" in log.read_text())
+        process.kill()
+        until((runs / ".bench" / "truth.json").exists)
+    true = truth(runs)
+    assert true["in_safe_state"] is True
+    assert [motor["torque"] for motor in true["motors"]] == [False] * 5
+    assert ending_of(runs / "one")["can_resume"]

@@ -1,6 +1,5 @@
 """Runs as the dashboard begins, steers, ends and finds them: by real processes that move nothing."""
 
-import errno
 import os
 import signal
 import sys
@@ -8,30 +7,25 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.contracts import fake_run
-from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+from tests.contracts.serving import PATIENCE, RIG, Served, fake_command, plan, serving, until
 from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
-from tests.unit.dashboard_journal import GROUPS, PLAN, PLAN_TEXT, run_folder
+from tests.unit.dashboard_journal import GROUPS, PLAN_TEXT, run_folder
 
 from sinew.apps.bench.run_control import listening, send_control
-from sinew.apps.dashboard.run_desk import RESUMED, Adopted, adopt, find_runs, told_at_end
-from sinew.bench.stops import Steering
-from sinew.plan.toml import parse_rig
+from sinew.apps.dashboard.run_desk import RESUMED, spawn, told_at_end
+from sinew.bench.stops import Steering, StopReport
+from sinew.measure.errors import PortError
 
 
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Served]:
     with serving(tmp_path / "runs") as served:
         yield served
-
-
-def test_a_run_that_is_begun_is_under_way(served: Served) -> None:
-    served.operator().starts("monday")
-    until(lambda: served.runs_as("running"))
-    assert served.status()["run"]["name"] == "monday"
 
 
 def test_the_folder_of_a_run_holds_what_was_asked_for(served: Served) -> None:
@@ -48,14 +42,6 @@ def test_a_run_rests_and_goes_on(served: Served) -> None:
     paused = served.status()["run"]["state"]
     page.says("resume")
     assert (paused, served.status()["run"]["state"]) == ("paused", "running")
-
-
-def test_a_run_that_will_rest_after_its_segment_is_pausing(served: Served) -> None:
-    page = served.operator()
-    page.starts(behaviour=fake_run.SLOW)
-    until(lambda: served.runs_as("running"))
-    page.says("pause")
-    assert served.runs_as("pausing")
 
 
 @pytest.mark.parametrize("command", ["stop", "hold", "release"])
@@ -105,12 +91,6 @@ def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> Non
     assert served.status()["run"] is None
 
 
-def test_who_does_not_operate_has_no_run_go_on(served: Served) -> None:
-    cut_off(served)
-    served.operator()
-    assert served.page().says("continue", name="one").status_code == 403
-
-
 def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
     cut_off(served)
     served.operator().says("continue", name="one")
@@ -124,32 +104,6 @@ def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
 def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text('{\n"ended": "before", "left": "nothing"\n}\n' + RESUMED + "\nsinew: no port\n")
     assert told_at_end(tmp_path) == "no port"
-
-
-@pytest.mark.slow
-def test_a_run_that_has_left_the_bench_and_goes_on_writing_is_not_silent(tmp_path: Path) -> None:
-    script = tmp_path / "writes.py"
-    place = str(Path(fake_run.__file__).parent)
-    begin = f"import pathlib, sys, time\nsys.path.insert(0, {place!r})\nimport fake_run\n"
-    script.write_text(f"{begin}fake_run.main(pathlib.Path(sys.argv[1]))\ntime.sleep(4)\n")
-
-    def command(*words: str) -> list[str]:
-        return [sys.executable, str(script), words[words.index("--out") + 1]]
-
-    with serving(tmp_path / "runs", command=command) as served:
-        page, states = served.operator(), []
-        page.starts()
-        until(lambda: served.runs_as("running"))
-        page.says("stop")
-
-        def is_over() -> bool:
-            run = served.status()["run"]
-            states.append(None if run is None else run["state"])
-            return run is None
-
-        until(is_over)
-        assert "finishing" in states
-        assert "silent" not in states
 
 
 def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:
@@ -167,19 +121,18 @@ def test_who_does_not_operate_steers_nothing(served: Served, command: str) -> No
     assert (answer.status_code, answer.json()["sentence"]) == (403, "another page is in control; take over first")
 
 
-def test_nobody_operates_until_somebody_takes_the_bench(served: Served) -> None:
-    assert served.page().starts().status_code == 403
-
-
-def test_taking_over_is_a_command_and_puts_the_former_operator_among_the_viewers(served: Served) -> None:
+def test_taking_over_is_confirmed_and_puts_the_former_operator_among_the_viewers(served: Served) -> None:
     first, second = served.operator(), served.page()
-    assert second.says("take").json()["sentence"] == "this page is in control now; another page was before"
+    asked = second.says("take")
+    assert (asked.status_code, asked.json()["taken"]) == (409, True)
+    taken = second.says("take", confirmed=True).json()
+    assert taken["sentence"] == "this page is in control now; another page was before"
     assert first.says("give").status_code == 403
 
 
 def test_a_page_sees_that_it_operates(served: Served) -> None:
     page, other = served.operator(), served.page()
-    mine = [each.client.get("/status", headers={"X-Sinew-Ticket": each.ticket}).json() for each in (page, other)]
+    mine = [each.client.get("/status", headers={"X-Sinew-Page": each.id}).json() for each in (page, other)]
     assert [told["operator"]["mine"] for told in mine] == [True, False]
 
 
@@ -189,7 +142,7 @@ def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:
     codes = []
 
     def start(number: int) -> None:
-        told = {"ticket": page.ticket, "number": 100 + number, "command": "start"}
+        told = {"page": page.id, "command": "start"}
         body = told | {"name": f"run-{number}", "plan": plan(), "rig": RIG}
         codes.append(others[number].client.post("/command", json=body).status_code)
 
@@ -227,7 +180,6 @@ def test_an_emergency_is_of_the_past_once_a_run_goes_on_after_it(served: Served)
     until(lambda: served.runs_as("running"))
     page.says("stop")
     until(lambda: served.steward.status(None)["run"] is None)
-    served.steward._desk.forget("two", None)  # as when it is put into the bin
     assert stopped["was_emergency"]
     assert served.steward.status(None)["emergency"] is None
 
@@ -236,12 +188,6 @@ def test_an_emergency_from_somebody_who_only_looks_is_obeyed(served: Served) -> 
     served.operator()
     assert served.page().says("emergency").status_code == 200
     assert served.bench.stops == [("/dev/bench", "paper", None)]
-
-
-def test_an_emergency_of_a_page_from_before_a_restart_is_obeyed(served: Served) -> None:
-    page = served.page()
-    page.ticket = "from another life"
-    assert page.says("emergency").status_code == 200
 
 
 @pytest.mark.parametrize("behaviour", [fake_run.DEAF, fake_run.LOUT])
@@ -340,66 +286,50 @@ def test_without_a_bench_no_run_begins(tmp_path: Path) -> None:
     assert (answer.status_code, "--port-bench PORT or --emulate" in answer.json()["sentence"]) == (409, True)
 
 
-def test_a_run_on_a_bench_goes_on_without_a_steward_and_the_next_one_finds_it(tmp_path: Path) -> None:
-    with serving(tmp_path / "runs") as served:
-        served.operator().starts("monday")
-        until(lambda: served.runs_as("running"))
-        run = served.steward._desk.run
-        served.steward._desk._run = None  # what the test would end
-        served.steward._desk._over.set()
-    assert run is not None
-    assert run.process.poll() is None
-    with serving(tmp_path / "runs") as again:
-        found = again.status()["run"]
-        assert (found["name"], found["pid"]) == ("monday", run.process.pid)
-        again.operator().says("stop")
-        assert until(lambda: again.status()["last"])["sentence"] == "stop was asked for; nothing moves"
-    run.process.poll()
+def test_a_run_that_was_begun_in_a_terminal_is_told_and_an_emergency_stops_it(tmp_path: Path) -> None:
+    def taken(*_: Any) -> StopReport:
+        raise PortError("/dev/bench is taken")
 
-
-def test_a_run_that_was_begun_in_a_terminal_is_found(tmp_path: Path) -> None:
     folder, steering = run_folder(tmp_path / "runs" / "by-hand", ()), Steering(lambda: 0.0)
-    with listening(folder, steering), serving(tmp_path / "runs", control=send_control) as served:
-        found = until(lambda: served.status()["run"])
-        served.steward._desk._over.set()
-        served.steward._desk._run = None  # it is this very process, which nobody shall end
-    assert (found["name"], found["plan"], found["rig"]) == ("by-hand", PLAN.name, parse_rig(RIG_TEXT).name)
-    assert found["pid"] == os.getpid()
+    with listening(folder, steering), serving(tmp_path / "runs", control=send_control, rest=taken) as served:
+        assert until(lambda: served.status()["elsewhere"]) == "by-hand"
+        said = served.page().says("emergency").json()
+    assert (said["ok"], said["sentence"]) == (
+        True,
+        "the run by-hand, begun in a terminal: nothing has moved, and the run will not start",
+    )
 
 
-def test_a_folder_whose_run_does_not_answer_is_no_run(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "runs" / "by-hand", ())
-    (folder / "control").write_text(str(tmp_path / "nobody"))
-    assert list(find_runs(tmp_path / "runs", send_control)) == []
+def test_a_command_ends_with_whoever_began_it(tmp_path: Path) -> None:
+    code = (
+        "import signal, sys, time; from sinew.apps import cli; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7));"
+        "cli.main = lambda: time.sleep(600); import runpy; sys.argv = ['child', 'run'];"
+        "runpy.run_module('sinew.apps.dashboard', run_name='__main__')"
+    )
+    process = spawn([sys.executable, "-c", code], tmp_path / "log")
+    time.sleep(1.0)
+    goes_on = process.poll() is None
+    assert process.stdin is not None
+    process.stdin.close()
+    assert (goes_on, process.wait(PATIENCE)) == (True, 7)
 
 
-def test_a_run_whose_number_cannot_be_written_down_is_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    pids: list[int] = []
-
-    def full(_file: Path, pid: int) -> None:
-        pids.append(pid)
-        raise OSError(errno.ENOSPC, "no space left")
-
-    monkeypatch.setattr("sinew.apps.dashboard.run_desk.write_pid", full)
-    assert served.operator().starts().status_code == 409
-    assert adopt(pids[0], []) is None
-
-
-def test_a_run_on_the_emulated_bench_ends_with_the_steward(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bench", ["emulator", "port"])
+def test_a_run_ends_with_the_steward(tmp_path: Path, bench: str) -> None:
     def command(*words: str) -> list[str]:
         if words[0] == "run":
             return fake_command(*words)
         ready = f"import pathlib, time; pathlib.Path({words[2]!r}).touch(); print('{{}}', flush=True); time.sleep(600)"
         return [sys.executable, "-c", ready, *words]
 
-    with serving(tmp_path / "runs", bench="emulator", port=None, command=command) as served:
+    with serving(tmp_path / "runs", bench=bench, command=command) as served:
         served.operator().starts()
         until(lambda: served.runs_as("running"))
         run, emulator = served.steward._desk.run, served.steward._emulator
         served.steward.__exit__()
     assert run is not None
-    assert emulator is not None
-    assert (run.process.poll(), emulator.is_there) == (0, False)
+    assert run.process.poll() == 0
+    assert emulator is None or not emulator.is_there
 
 
 def test_a_page_server_that_dies_is_begun_again_and_the_run_does_not_notice(served: Served) -> None:
@@ -407,18 +337,9 @@ def test_a_page_server_that_dies_is_begun_again_and_the_run_does_not_notice(serv
     until(lambda: served.runs_as("running") and served.status()["page"] == "up")
     before, run = served.steward._page.pid, served.status()["run"]["pid"]
     assert before is not None
-    Adopted(before).send_signal(signal.SIGKILL)
+    os.kill(before, signal.SIGKILL)
     until(lambda: served.steward._page.pid not in (None, before) and served.status()["page"] == "up")
     assert served.status()["run"]["pid"] == run
-
-
-def test_a_page_server_that_dies_at_once_is_not_begun_for_ever(tmp_path: Path) -> None:
-    tries = tmp_path / "tries"
-    code = f"open({str(tries)!r}, 'a').write('x')"
-    with serving(tmp_path / "runs", page=(sys.executable, "-S", "-c", code)) as served:
-        until(lambda: served.status()["page"] == "down")
-        time.sleep(0.5)
-        assert len(tries.read_text()) == 6
 
 
 def test_two_stewards_do_not_look_after_the_same_runs(served: Served) -> None:

@@ -7,8 +7,7 @@ import httpx
 import pytest
 from tests.contracts.serving import PATIENCE, Served, serving
 
-from sinew.apps.dashboard.access import SignedOut
-from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT
+TAKE = {"page": "a-page-of-tests", "command": "take"}
 
 
 @pytest.fixture
@@ -32,7 +31,7 @@ def post(browser: httpx.Client, served: Served, path: str, said: object = None) 
 
 
 def test_one_browser_is_signed_in_at_both(browser: httpx.Client, two: tuple[Served, Served]) -> None:
-    assert [post(browser, served, "/ticket").status_code for served in two] == [200, 200]
+    assert [post(browser, served, "/command", TAKE).status_code for served in two] == [200, 200]
 
 
 @pytest.mark.parametrize("number", [0, 1])
@@ -47,15 +46,3 @@ def test_a_page_of_one_bench_commands_nothing_at_the_other(browser: httpx.Client
     there = f"http://127.0.0.1:{second.address[1]}/command"
     assert browser.post(there, json={"command": "emergency"}, headers=origin).status_code == 403
     assert second.bench.stops == []
-
-
-def test_a_session_that_was_signed_out_steers_no_more_however_often_it_is_sent(
-    browser: httpx.Client, two: tuple[Served, Served]
-) -> None:
-    first, second = two
-    # What POST /logout at the pages does; the steward is another process with the same list.
-    ended = first.access.session_in(browser.cookies[first.access.cookie_name])
-    assert ended is not None
-    SignedOut(first.runs / BENCH / SIGNED_OUT).add(ended)
-    assert [post(browser, first, "/ticket").status_code for _ in range(3)] == [401] * 3
-    assert post(browser, second, "/ticket").status_code == 200

@@ -12,7 +12,7 @@ import pytest
 from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
 
 from sinew.apps.cli import main
-from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.bench import EmulatedRig
 
 
 class Said(NamedTuple):

@@ -17,8 +17,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.device import Board, ControlTable
-from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.device import Board, ControlTable, ImuNode
 from sinew.emulator.line import Line
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
@@ -139,9 +138,9 @@ class EmulatedNode:
         self._spoke = self._heard = 0.0
         speak = self.line._speak
 
-        def note(start: float, data: bytes | bytearray) -> float:
+        def note(data: bytes, start: float) -> float:
             self._spoke = start
-            return speak(start, data)
+            return speak(data, start)
 
         self.line._speak = note  # type: ignore[method-assign]
         self.rest(0.1)

@@ -1,14 +1,13 @@
 """Is the damping law found when the data can tell it, and is it admitted when they cannot?
 
-The oscillations are made by scipy's integrator (`campaigns.law_signals`); what can be told is decided on records
+The oscillations are made by scipy's integrator (`campaigns.laws`); what can be told is decided on records
 without noise. `python -m campaigns.laws --seeds 20` is the same with more of them.
 """
 
 from functools import cache
 
 import pytest
-from campaigns.law_signals import EXCITATIONS, LAWS
-from campaigns.laws import Outcome, run_trial
+from campaigns.laws import EXCITATIONS, LAWS, Outcome, run_trial
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 

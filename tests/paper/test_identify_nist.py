@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sinew.analysis.signal.nonlinear import least_squares
+from sinew.analysis.signal.least_squares import least_squares
 from sinew.identify.oscillator.least_squares import Problem, Solution, covariance, solve
 from sinew.solve.programs import configure
 

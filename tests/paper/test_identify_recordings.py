@@ -11,10 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.identify.choice.comparison import Comparison, compare, split_record
+from sinew.identify.oscillator.comparison import Comparison, compare, split_record
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS, VISCOUS, get_model
+from sinew.identify.oscillator.model import MODELS, VISCOUS, Fit, get_model
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.mechanics.laws import DryFriction, Law, LossFactor, Viscous
 

@@ -7,9 +7,8 @@ import pytest
 import xarray as xr
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.paper.summary import effect_shares
-from sinew.paper.table import paper_table
-from sinew.plan.toml import load_plan, load_rig, read_ranges
+from sinew.paper.campaign import effect_shares, paper_table
+from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.simulate import simulate
 
 
@@ -41,19 +40,6 @@ def test_by_measured_drive_the_gain_no_longer_falls_at_high_pretension() -> None
     nominal, own = (results[name].values[high] for name in ("gain_peak", "gain_peak_measured_drive"))
     assert nominal[-1] < 0.85 * nominal[0]
     assert np.ptp(own) < 0.06 * own.mean()
-
-
-def test_the_ranges_belong_to_the_shipped_rig() -> None:
-    parameters = dict(load_rig("paper").parameters())
-    ranges = read_ranges("paper")
-    assert ranges is not None
-    calibrated = {name for name, row in parameters.items() if row.origin == "calibrated"}
-    # base radius and head inertia follow from the head radius and the lever
-    assert set(ranges) == calibrated - {"tendons.base_radius", "inertia.head"}
-    for name, row in ranges.items():
-        assert row["value"] == pytest.approx(parameters[name].value, rel=1e-9)
-        for low, high in (row["alone"], row["together"]):
-            assert low <= row["value"] <= high
 
 
 @pytest.mark.slow

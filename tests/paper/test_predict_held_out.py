@@ -1,11 +1,9 @@
-"""What a rig that was calibrated at a few pretensions predicts at the others; the counts are in campaigns/."""
+"""What a rig that was calibrated at a few pretensions predicts at the others; larger counts: decision 36."""
 
 from functools import cache
 
-import numpy as np
 import pytest
-from campaigns.bands import run_trial
-from campaigns.prediction import FITTED_MM, FREQUENCY_SHARE, GAIN_SHARE, Outcome, run
+from tests.experiments.prediction import FITTED_MM, FREQUENCY_SHARE, GAIN_SHARE, Outcome, run
 
 from sinew.plan.plan import Plan, Pretension, Sweep
 
@@ -43,13 +41,6 @@ def test_the_gain_at_other_pretensions_is_predicted_within_three_percent(name: s
 def test_the_start_of_the_search_is_no_prediction_itself() -> None:
     # The calibration has something to do: a parameter that it found was off by more than ten of its intervals.
     done = outcome().calibration
-    before = dict(done.before.parameters())
+    before = dict(done.base.parameters())
     off = [abs(before[name].value - one.value) / (one.high - one.low) for name, one in done.found.items()]
     assert max(off) > 10
-
-
-def test_bands_of_a_calibrated_rig_hold_most_of_the_truth() -> None:
-    trials = [run_trial(seed, draws=30) for seed in (0, 1)]
-    inside = np.concatenate([np.concatenate([t.amplitude, t.phase, t.marks]) for t in trials])
-    assert inside.mean() > 0.6
-    assert all(0 < width < 0.05 for t in trials for width in t.width)

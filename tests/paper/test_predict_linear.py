@@ -20,7 +20,7 @@ from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, free_lever, joint_problem
-from sinew.predict.linear import describing_function, equivalent_of_rig, linear_joints
+from sinew.predict.linear import equivalent_of_rig, linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import follow_backbones
 from sinew.solve.balance import channels, embedded, grid, motion, slices, unknowns
@@ -46,12 +46,12 @@ def departures(command_deg: float) -> Array:
     lever over command, torsion over lever."""
     rig, rows = load_rig("paper"), []
     for branch, joint in zip(curves(command_deg), linear_joints(rig, PRETENSIONS, gear="creeping"), strict=True):
-        found = describing_function(branch, np.radians(command_deg), rig)
+        command = -1j * np.radians(command_deg)
         drive, lever = joint.drive.response(branch.frequency_hz), joint.lever.response(branch.frequency_hz)
         pairs = (
-            (found.torsion_per_command, drive[:, 0, 0]),
-            (found.lever_per_command, drive[:, 1, 0]),
-            (found.torsion_per_lever, lever[:, 0, 0]),
+            (branch.phasor / command, drive[:, 0, 0]),
+            (branch.drive / command, drive[:, 1, 0]),
+            (branch.phasor / branch.drive, lever[:, 0, 0]),
         )
         rows.append([float(np.abs(ours / linear - 1).max()) for ours, linear in pairs])
     return np.array(rows)
@@ -83,7 +83,7 @@ def test_at_phase_resonance_the_equivalent_spring_is_inertia_times_frequency_squ
     rig = load_rig("paper")
     (found,) = follow_backbones(joint_problem(rig, [4.0], 10.0, BAND_HZ), BAND_HZ, RESOLUTION)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
-    stiffness = equivalent_of_rig(found.curve, found.curve.drive, rig).stiffness
+    stiffness = equivalent_of_rig(found.curve, found.curve.drive, rig).stiffness_n_m_rad
     assert stiffness == pytest.approx(inertia * (2 * np.pi * found.curve.frequency_hz) ** 2, rel=1e-6)
 
 

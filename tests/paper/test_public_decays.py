@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns.halves import Halves, halves_of
 from scipy.signal import find_peaks
+from tests.experiments.halves import Halves, halves_of
 
 from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.apps.cli import main

@@ -1,4 +1,4 @@
-"""An emulated bench in a process of its own, `sinew emulate --unloaded`, and the port to it."""
+"""An emulated bench in a process of its own, `sinew emulate`, and the port to it."""
 
 import json
 import subprocess
@@ -19,7 +19,7 @@ PATIENCE = 60.0  # s; how long a start may take on a busy computer
 def emulated(folder: Path, *options: str) -> Iterator[str]:
     """Give the path of the port while an emulator runs; it must end with status 0 and say nothing on stderr."""
     link = folder / "bench"
-    command = [SINEW, "emulate", "--unloaded", "--link", str(link), "--json", *options]
+    command = [SINEW, "emulate", "--link", str(link), "--json", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -67,17 +67,11 @@ def position(port: Any, motor: int) -> int:
     return signed(value)
 
 
-def test_a_ping_tells_the_model(port: Any) -> None:
-    assert [PACKETS.ping(port, motor) for motor in (1, 5)] == [(1000, SUCCESS, 0), (1020, SUCCESS, 0)]
-
-
-def test_a_ping_of_a_device_that_is_not_there_is_not_answered(port: Any) -> None:
-    assert PACKETS.ping(port, 77)[1] == TIMEOUT
-
-
-def test_a_ping_to_all_finds_every_device(port: Any) -> None:
+def test_pings_tell_who_is_there(port: Any) -> None:
     found, result = PACKETS.broadcastPing(port)
     assert (sorted(found), result) == ([*MOTORS, 200], SUCCESS)
+    assert [PACKETS.ping(port, motor) for motor in (1, 5)] == [(1000, SUCCESS, 0), (1020, SUCCESS, 0)]
+    assert PACKETS.ping(port, 77)[1] == TIMEOUT
 
 
 def test_what_is_written_is_read_back(port: Any) -> None:
@@ -99,11 +93,6 @@ def test_a_motor_goes_where_it_is_sent(port: Any) -> None:
     assert eventually(lambda: abs(position(port, 2) - 2400) <= 20)
 
 
-def test_the_kept_registers_are_locked_while_the_torque_is_on(port: Any) -> None:
-    write1(port, 1, TORQUE, 1)
-    assert PACKETS.write1ByteTxRx(port, 1, OPERATING_MODE, 4) == (SUCCESS, ACCESS)
-
-
 @pytest.mark.parametrize("mode", [0, 1, 3, 4, 5, 16])
 def test_a_mode_is_changed_while_the_torque_is_off(port: Any, mode: int) -> None:
     write1(port, 4, OPERATING_MODE, mode)
@@ -120,16 +109,20 @@ def test_another_mode_puts_the_goals_to_their_limits(port: Any) -> None:
     assert limits == (885, 648)
 
 
-def test_a_mode_that_there_is_not_is_refused(port: Any) -> None:
-    assert PACKETS.write1ByteTxRx(port, 4, OPERATING_MODE, 2) == (SUCCESS, DATA_RANGE)
-
-
-def test_a_goal_beyond_its_limit_is_refused(port: Any) -> None:
-    assert PACKETS.write4ByteTxRx(port, 1, GOAL_POSITION, 4096) == (SUCCESS, DATA_LIMIT)
-
-
-def test_a_present_value_cannot_be_written(port: Any) -> None:
-    assert PACKETS.write4ByteTxRx(port, 1, PRESENT_POSITION, 0) == (SUCCESS, ACCESS)
+@pytest.mark.parametrize(
+    ("size", "address", "value", "torque", "why"),
+    [
+        (1, OPERATING_MODE, 4, 1, ACCESS),  # locked while the torque is on
+        (1, OPERATING_MODE, 2, 0, DATA_RANGE),
+        (4, GOAL_POSITION, 4096, 0, DATA_LIMIT),
+        (4, PRESENT_POSITION, 0, 0, ACCESS),
+    ],
+)
+def test_what_cannot_be_written_is_refused(
+    port: Any, size: int, address: int, value: int, torque: int, why: int
+) -> None:
+    write1(port, 1, TORQUE, torque)
+    assert getattr(PACKETS, f"write{size}ByteTxRx")(port, 1, address, value) == (SUCCESS, why)
 
 
 @pytest.mark.parametrize("fast", [False, True])

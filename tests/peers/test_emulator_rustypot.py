@@ -44,10 +44,6 @@ def test_rustypot_pings_who_is_there(master: Any) -> None:
     assert [master.ping(device) for device in (1, 5, 200)] == [True] * 3
 
 
-def test_rustypot_hears_nothing_of_who_is_not_there(master: Any) -> None:
-    assert not master.ping(77)
-
-
 def test_a_ping_to_all_finds_every_device(master: Any) -> None:
     found = master.broadcast_scan()
     assert sorted(found) == [*MOTORS, 200]
@@ -89,48 +85,7 @@ def test_a_group_is_written_at_once(master: Any) -> None:
     assert read == goals
 
 
-@pytest.mark.parametrize("mode", [0, 1, 3, 4, 5, 16])
-def test_a_mode_is_changed_while_the_torque_is_off(master: Any, mode: int) -> None:
-    master.write_raw_data(4, OPERATING_MODE, [mode])
-    read = bytes(master.read_raw_data(4, OPERATING_MODE, 1))
-    master.write_raw_data(4, OPERATING_MODE, [3])
-    assert read == bytes([mode])
-
-
 # Without `_with_error` rustypot reports a refused write as done.
-def test_the_kept_registers_are_locked_while_the_torque_is_on(master: Any) -> None:
-    master.write_torque_enable(1, True)
-    assert master.write_raw_data_with_error(1, OPERATING_MODE, [4]) == ACCESS
-
-
-def test_a_goal_beyond_its_limit_is_refused(master: Any) -> None:
-    assert master.write_raw_data_with_error(1, GOAL_POSITION, [0, 16, 0, 0]) == DATA_LIMIT
-
-
-def test_a_reboot_takes_the_torque_off(master: Any) -> None:
-    master.write_torque_enable(5, True)
-    master.reboot(5)
-    assert eventually(lambda: master.ping(5))
-    assert bytes(master.read_raw_data(5, TORQUE, 1)) == b"\0"
-
-
-def test_at_another_baud_nobody_answers(bench: str) -> None:
-    assert not any(opened(bench, 57_600).ping(motor) for motor in MOTORS)
-
-
-@pytest.mark.parametrize("baud", [115_200, 4_500_000])
-def test_devices_set_to_another_baud_answer_at_that(tmp_path: Path, baud: int) -> None:
-    with emulated(tmp_path, "--baud", str(baud)) as path:
-        assert opened(path, baud).ping(1)
-
-
-def test_an_overheated_motor_raises_its_alert_and_lets_go(tmp_path: Path) -> None:
-    with emulated(tmp_path, "--fault", "overheat:motor=3,rate=1000@1") as path:
-        master = opened(path)
-        master.write_torque_enable(3, True)
-        assert eventually(lambda: ALERT in master.read_raw_data_with_error(3, LED, 1))
-        assert bytes(master.read_raw_data(3, ERRORS, 1)) == b"\4"
-        assert bytes(master.read_raw_data(3, TORQUE, 1)) == b"\0"
 
 
 @pytest.mark.slow

@@ -78,21 +78,14 @@ def sdk(path: str) -> Iterator[tuple[Any, Any, Any]]:
     port.closePort()
 
 
-def test_the_sdk_pings_the_node(sdk: Any) -> None:
+def test_the_sdk_reads_what_it_wrote_and_sees_what_is_refused(sdk: Any) -> None:
     module, packets, port = sdk
-    assert packets.ping(port, NODE) == (MODEL, module.COMM_SUCCESS, 0)
-
-
-def test_the_sdk_reads_what_it_wrote(sdk: Any) -> None:
-    module, packets, port = sdk
-    assert packets.write1ByteTxRx(port, NODE, CONTROL, 0x2A) == (module.COMM_SUCCESS, 0)
-    assert packets.read1ByteTxRx(port, NODE, CONTROL) == (0x2A, module.COMM_SUCCESS, 0)
-
-
-def test_the_sdk_sees_what_is_refused(sdk: Any) -> None:
-    module, packets, port = sdk
-    assert packets.write2ByteTxRx(port, NODE, GYRO, 1) == (module.COMM_SUCCESS, ACCESS)
-    assert packets.write1ByteTxRx(port, NODE, LEVEL, 9) == (module.COMM_SUCCESS, DATA_RANGE)
+    done = module.COMM_SUCCESS
+    assert packets.ping(port, NODE) == (MODEL, done, 0)
+    assert packets.write1ByteTxRx(port, NODE, CONTROL, 0x2A) == (done, 0)
+    assert packets.read1ByteTxRx(port, NODE, CONTROL) == (0x2A, done, 0)
+    assert packets.write2ByteTxRx(port, NODE, GYRO, 1) == (done, ACCESS)
+    assert packets.write1ByteTxRx(port, NODE, LEVEL, 9) == (done, DATA_RANGE)
 
 
 def test_the_sdks_registered_write_waits_for_action(sdk: Any) -> None:
@@ -163,18 +156,12 @@ def rustypot(path: str) -> Any:
     return master
 
 
-def test_rustypot_finds_the_node_in_a_scan(rustypot: Any) -> None:
+def test_rustypot_finds_the_node_reads_what_it_wrote_and_sees_what_is_refused(rustypot: Any) -> None:
     assert eventually(lambda: NODE in rustypot.broadcast_scan())  # it listens for 0.8 s, whatever it was told
-
-
-def test_rustypot_reads_what_it_wrote(rustypot: Any) -> None:
     rustypot.write_raw_data(NODE, CONTROL, [0x55])
     assert bytes(rustypot.read_raw_data(NODE, CONTROL, 1)) == b"\x55"
-    rustypot.write_raw_data(NODE, CONTROL, [0])
-
-
-def test_rustypot_sees_what_is_refused(rustypot: Any) -> None:
     assert rustypot.write_raw_data_with_error(NODE, GYRO, [1, 2]) == ACCESS
+    rustypot.write_raw_data(NODE, CONTROL, [0])
 
 
 @pytest.mark.parametrize("fast", [False, True])
@@ -221,15 +208,9 @@ def dynamixel2(path: str) -> Iterator[Dynamixel2]:
         master.ask(f"write {NODE} {CONTROL} 00")
 
 
-def test_dynamixel2_pings_the_node(dynamixel2: Dynamixel2) -> None:
+def test_dynamixel2_finds_the_node_and_reads_what_it_wrote(dynamixel2: Dynamixel2) -> None:
     assert re.fullmatch("ok 0074..", dynamixel2.ask(f"ping {NODE}"))
-
-
-def test_dynamixel2_finds_the_node_in_a_scan(dynamixel2: Dynamixel2) -> None:
     assert bytes((NODE,)) in bytes.fromhex(dynamixel2.ask("scan").removeprefix("ok"))
-
-
-def test_dynamixel2_reads_what_it_wrote(dynamixel2: Dynamixel2) -> None:
     assert dynamixel2.ask(f"write {NODE} {CONTROL} 2a") == "ok"
     assert dynamixel2.ask(f"read {NODE} {CONTROL} 1") == "ok 2a"
 

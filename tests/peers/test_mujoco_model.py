@@ -1,4 +1,4 @@
-"""The exported joint in MuJoCo and as URDF, beside the twin."""
+"""The exported joint in MuJoCo, beside the twin."""
 
 import math
 from collections.abc import Callable
@@ -9,18 +9,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import scipy.linalg
 
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, save_rig
 from sinew.predict.joints.design import Design, design_rig
 from sinew.predict.joints.material import load_material
 from sinew.predict.joints.section import circle_section, ellipse_section
 from sinew.predict.modes import Asked, Finder
-from sinew.predict.multibody import Bodies, export_model, hinge_springs, joint_bodies, write_mjcf, write_urdf
+from sinew.predict.multibody import Bodies, export_model, joint_bodies, write_mjcf
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import Draft, _rig, _with_window
 
@@ -104,9 +103,9 @@ def test_every_rig_that_is_made_loads_in_mujoco_and_resonates_there_within_two_p
     made = joint_bodies(make(), Asked((pretension_mm,), (0.0,), swing_deg=7.0), sway=sway)
     values, twist = swings(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))
     resonance_hz = abs(values[np.argmax(twist)]) / (2 * np.pi)
-    assert resonance_hz == pytest.approx(made.pivots[-1].frequency_hz, rel=0.02)
+    assert resonance_hz == pytest.approx(made.modes["torsion"][0], rel=0.02)
     if name in ("annulus", "circle", "ellipse"):  # found by harmonic balance for the upper end of the band
-        assert resonance_hz == pytest.approx(TARGET.band_hz[1], rel=0.02)
+        assert resonance_hz == pytest.approx(TARGET.stride_band_hz[1], rel=0.02)
 
 
 def test_a_model_of_assumed_moments_says_so_and_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -118,23 +117,14 @@ def test_a_model_of_assumed_moments_says_so_and_loads(tmp_path: Path, capsys: py
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "joint.xml")).body("head").inertia.min() == 0.125
 
 
-def test_an_exported_joint_rests_where_it_is_loaded(bodies: Bodies) -> None:
+def test_an_exported_joint_rests_where_it_is_loaded_and_its_tendons_pull_as_the_twins(bodies: Bodies) -> None:
     model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
-    left = forces(model, mujoco.MjData(model), model.qpos0, np.zeros(model.nv))
+    data = mujoco.MjData(model)
+    left = forces(model, data, model.qpos0, np.zeros(model.nv))
     assert np.max(np.abs(left)) < 1e-4 * float(bodies.tension.sum())
-
-
-def test_an_exported_head_stands_where_the_twins_does(bodies: Bodies) -> None:
-    model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.body("head").xpos[2] == pytest.approx(bodies.plate[0], abs=1e-8)
-
-
-def test_tendons_of_an_exported_joint_pull_as_the_twins_at_rest(bodies: Bodies) -> None:
-    model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
     assert -data.actuator_force[:4] == pytest.approx(bodies.tension, rel=1e-6)
 
 
@@ -162,50 +152,12 @@ def test_a_chain_in_a_bent_pose_rests_there(rig: RigSpec) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pretension_mm", [0.0, 6.0, 12.0])
-def test_mujocos_resonance_of_an_exported_joint_is_the_twins_within_two_per_cent(
-    rig: RigSpec, pretension_mm: float
-) -> None:
-    from benchmarks.mujoco_model import resonance_beside
-
-    found = resonance_beside(rig, pretension_mm, pieces=2)
-    assert abs(found.off) < 0.02
-    assert abs(found.damping_off) < 0.06
-
-
-@pytest.mark.slow
 def test_mujocos_head_bends_as_the_twins_where_its_tendons_are_taken_up(rig: RigSpec) -> None:
-    from benchmarks.mujoco_model import rest_beside
+    from tests.experiments.mujoco_model import rest_beside
 
     ours, theirs = rest_beside(rig, PRETENSION_MM, Pose(bend_deg=10.0, azimuth_deg=0.0), pieces=4)
     assert theirs.bend_deg == pytest.approx(ours.bend_deg, rel=0.01)
     assert theirs.azimuth_deg == pytest.approx(ours.azimuth_deg, abs=0.1)
-
-
-def test_hinges_of_an_urdf_swing_at_the_modes_with_the_springs_that_it_tells(bodies: Bodies) -> None:
-    model = mujoco.MjModel.from_xml_string(write_urdf(bodies, []))
-    for name, (stiffness, _) in hinge_springs(bodies).items():
-        model.jnt_stiffness[model.joint(name).id] = stiffness
-    data, n = mujoco.MjData(model), model.nv
-    still, mass = np.zeros(n), np.zeros((n, n))
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, mass)
-    spring = np.array([forces(model, data, -e, still) - forces(model, data, e, still) for e in 1e-5 * np.eye(n)]) / 2e-5
-    few = len(bodies.pivots)
-    squares = scipy.linalg.eigh(0.5 * (spring + spring.T)[:few, :few], mass[:few, :few], eigvals_only=True)
-    wanted = sorted(pivot.frequency_hz for pivot in bodies.pivots)
-    # the two sways share their links, which the springs leave out: 5e-5
-    assert np.sqrt(squares) / (2 * np.pi) == pytest.approx(wanted, rel=1e-3)
-
-
-def test_an_urdf_says_the_springs_that_it_cannot_hold(rig: RigSpec, tmp_path: Path) -> None:
-    export_model(rig, tmp_path / "joint.urdf", PRETENSION_MM, sway=False)
-    assert "N m/rad for 3.632 Hz" in (tmp_path / "joint.urdf").read_text()
-
-
-def test_a_bent_joint_is_no_urdf(bodies: Bodies) -> None:
-    with pytest.raises(SpecError, match="URDF has hinges alone"):
-        write_urdf(bodies._replace(pivots=()), [])
 
 
 def test_the_name_of_a_rig_cannot_break_the_file(rig: RigSpec, tmp_path: Path) -> None:
@@ -216,8 +168,3 @@ def test_the_name_of_a_rig_cannot_break_the_file(rig: RigSpec, tmp_path: Path) -
 def test_a_rig_without_its_masses_is_told_how_to_go_on(rig: RigSpec, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"no \[space\]"):
         export_model(rig.model_copy(update={"space": None}), tmp_path / "joint.xml")
-
-
-def test_model_writes_what_mujoco_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["model", "paper", "--out", str(tmp_path / "joint.xml"), "--no-sway"]) == 0
-    assert mujoco.MjModel.from_xml_path(str(tmp_path / "joint.xml")).nu == 5

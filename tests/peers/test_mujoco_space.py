@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks import mujoco_space
-from benchmarks.mujoco_space import Motion
+from tests.experiments import mujoco_space
+from tests.experiments.mujoco_space import Motion
 
 from sinew.solve.programs import configure
 

@@ -120,26 +120,3 @@ def test_an_unstable_motion_departs_to_the_stable_one_on_either_side() -> None:
     lower = np.interp(frequency[middle], frequency[after], branch().amplitude[after])
     ends = sorted(settled(middle, disturbance) for disturbance in (-0.02, 0.02))
     assert ends == pytest.approx([lower, upper], rel=2e-3)
-
-
-def swept(frequencies: Array) -> Array:
-    """Return the amplitudes [rad] of a sweep that goes from frequency to frequency and settles at each."""
-    state, amplitudes = np.zeros(2), []
-    for frequency in frequencies:
-        path = integrated(state, frequency, 40, rtol=1e-7, atol=1e-9, dense_output=True)
-        state = path.y[:, -1]
-        amplitudes.append(np.ptp(path.sol(np.linspace(39, 40, 200) / frequency)[0]) / 2)
-    return np.array(amplitudes)
-
-
-@pytest.mark.slow
-def test_sweeps_up_and_down_reach_both_sides_of_the_folds() -> None:
-    frequencies = np.arange(3.4, 3.95, 0.05)
-    up, down = swept(frequencies), swept(frequencies[::-1])[::-1]
-    one = branch()
-    turn_up, turn_down = (int(np.argmin(np.abs(one.amplitude - fold.amplitude))) for fold in one.folds)
-    inside = (frequencies > LOWER_FOLD_HZ) & (frequencies < UPPER_FOLD_HZ)
-    upper = np.interp(frequencies, one.frequency_hz[: turn_up - 1], one.amplitude[: turn_up - 1])
-    lower = np.interp(frequencies, one.frequency_hz[turn_down + 1 :], one.amplitude[turn_down + 1 :])
-    assert up[inside] == pytest.approx(upper[inside], rel=5e-3)
-    assert down[inside] == pytest.approx(lower[inside], rel=5e-3)

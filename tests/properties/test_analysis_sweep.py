@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from tests.unit.analysis_sweep import QUIET, Joint, rig_with, sweep
 
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.analysis.sweep.portrait import lissajous_phase
-from sinew.analysis.sweep.response import estimate_response
+from sinew.analysis.sweep.response import estimate_response, lissajous_phase
 
 FREQUENCY_HZ = [2.0, 3.1, 4.4]
 dampings = st.floats(0.02, 0.4)

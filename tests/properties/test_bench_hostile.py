@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
-from campaigns.faults import rest_tensions
-from campaigns.hostile import draw_hostile, verdicts
-from campaigns.lies import LIE_KINDS, LieKind, Lies
+from campaigns.faults import rest_tensions, verdicts
+from campaigns.scenario import LIE_KINDS, LieKind, Lies, draw_hostile
 from campaigns.trial import judge
 
 from sinew.hardware.believable import MotorBounds
@@ -37,7 +36,7 @@ def test_a_hostile_line_costs_no_truth_no_safety_and_no_sentence(
 
 @pytest.mark.slow
 def test_the_first_runs_of_the_campaign_show_nothing_that_may_not_happen() -> None:
-    found = list(verdicts(0, range(len(LIE_KINDS))))
+    found = list(verdicts(0, range(len(LIE_KINDS)), draw=draw_hostile))
     assert [violation for verdict in found for violation in verdict.violations] == []
 
 

@@ -14,9 +14,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinew.measure.errors import FileError, SinewError, UnitError
-from sinew.measure.files.csv import find_columns, import_csv, numbers, read_table
-from sinew.measure.files.export import export_csv
+from sinew.measure.files.csv import find_columns, numbers, read_table
+from sinew.measure.files.formats import export_recording
 from sinew.measure.files.netcdf import load_recording, provenance, save_recording
+from sinew.measure.read import read
 from sinew.measure.recording import Segment, build_recording, iterate_segments
 from sinew.measure.units import canonical_unit, convert
 
@@ -48,6 +49,7 @@ def recordings(draw: st.DrawFn) -> xr.Dataset:
 
 
 Thing = TypeVar("Thing")
+as_csv = partial(export_recording, to="csv")
 
 
 def through_file(
@@ -70,7 +72,7 @@ def test_any_recording_comes_back_from_netcdf_identical(recording: xr.Dataset) -
 @given(recordings())
 @settings(max_examples=25, deadline=None)
 def test_any_recording_has_its_segments_in_its_exported_table(recording: xr.Dataset) -> None:
-    table = through_file(recording, export_csv, read_table)
+    table = through_file(recording, as_csv, read_table)
     expected = [
         (index, segment.kind)
         for index, segment, where in iterate_segments(recording)
@@ -84,7 +86,9 @@ def test_any_recording_has_its_segments_in_its_exported_table(recording: xr.Data
 def test_any_numbers_come_back_from_an_exported_table_unchanged(values: list[float]) -> None:
     samples = {"time_s": np.arange(len(values)) / 100, "torsion_rad": np.array(values)}
     recording = build_recording(samples, [Segment("idle", 0, 1, 1, 0)], [len(values)], provenance("twin"))
-    back = through_file(recording, export_csv, partial(import_csv, time="time_s", response="torsion_rad"))
+    back = through_file(
+        recording, partial(export_recording, to="csv"), partial(read, time="time_s", response="torsion_rad")
+    )
     assert back["torsion_rad"].values.tolist() == values
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from sinew.hardware.motor import GoalEncoder
 from sinew.hardware.registers import IMUS, MOTORS, Register, decode_raw, encode_raw
 
-WRITABLE = [row for table in (*MOTORS.values(), *IMUS.values()) for row in table if row.writable and not row.is_float]
+WRITABLE = [row for table in (*MOTORS.values(), *IMUS.values()) for row in table if row.writable]
 GOALS = [table[name] for table in MOTORS.values() for name in ("goal_position", "goal_current")]
 
 

@@ -22,15 +22,9 @@ def decay(damping: float, phase: float = 0.3) -> np.ndarray:
 
 @cases
 @given(factor=factors)
-def test_the_unit_of_the_response_leaves_the_damping(factor: float) -> None:
+def test_the_unit_of_the_response_leaves_the_damping_and_scales_its_amplitudes(factor: float) -> None:
     base, other = (analyse_ring_down(T, k * decay(0.08), unit="m") for k in (1.0, factor))
     assert other.damping_ratio.value == pytest.approx(base.damping_ratio.value, rel=1e-5)
-
-
-@cases
-@given(factor=factors)
-def test_the_unit_of_the_response_scales_its_amplitudes(factor: float) -> None:
-    base, other = (analyse_ring_down(T, k * decay(0.08), unit="m") for k in (1.0, factor))
     assert other.dependence.amplitude == pytest.approx(factor * base.dependence.amplitude, rel=1e-5)
 
 
@@ -53,10 +47,3 @@ def test_the_origin_of_time_moves_the_start_with_it(offset: float) -> None:
 def test_the_sign_of_the_response_leaves_the_damping(damping: float, phase: float) -> None:
     base, other = (analyse_ring_down(T, sign * decay(damping, phase)) for sign in (1.0, -1.0))
     assert other.damping_ratio.value == pytest.approx(base.damping_ratio.value, rel=1e-4)
-
-
-@cases
-@given(damping=st.floats(0.02, 0.25), phase=st.floats(0.0, 2 * np.pi))
-def test_the_interval_holds_its_own_value(damping: float, phase: float) -> None:
-    found = analyse_ring_down(T, decay(damping, phase)).damping_ratio
-    assert found.low < found.value < found.high

@@ -1,6 +1,6 @@
 """Second runs: whatever a run leaves behind on a bench that stays powered, the next one measures what the twin says.
 
-A few here; `python -m campaigns.second_runs --pairs 200` makes the whole proof.
+A few here; of 200 pairs none was silently wrong (decision 36).
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from campaigns.second_runs import Bench, End, KilledError, compare, draw_pair, draw_writes, plan_of, try_pair
+from tests.experiments.second_runs import Bench, End, KilledError, compare, draw_writes, plan_of
 
 from sinew.bench.stops import stop
 from sinew.plan.plan import TendonMode
@@ -28,7 +28,7 @@ def one_after_the_other(folder: Path) -> Iterator[tuple[str, dict[str, float]]]:
         mode, end = modes[number % len(modes)], ends[number % len(ends)]
         measured = folder / f"{number}"
         report = bench.run(plan_of(mode), measured)
-        off, _ = compare(measured / "journal.sqlite", mode) if report.is_complete else ({}, [])
+        off = compare(measured / "journal.sqlite", mode) if report.is_complete else {}
         yield f"run {number} by {mode}: {report.sentence}", off
         early = end not in ("normal", "other software")
         if early:
@@ -50,12 +50,16 @@ _HARMLESS = (
 )  # fmt: skip
 
 
-def test_a_run_that_finds_the_joint_swinging_waits_until_it_rests() -> None:
-    pair = draw_pair(0, 137)  # killed while it swung the joint, then resumed: seen to take the swing for tilt
-    assert (pair.end, pair.way) == ("killed", "resume")
-    assert pair.end_s > 11.0
-    result = try_pair(pair)
-    assert result.outcome == "right", result
+def test_a_run_that_finds_the_joint_swinging_waits_until_it_rests(tmp_path: Path) -> None:
+    # killed while it swung the joint, then resumed: seen to take the swing for tilt
+    bench = Bench(load_rig("paper"), seed=1145735149)
+    with pytest.raises(KilledError):
+        bench.run(plan_of("current"), tmp_path, at_s=11.938, act="killed")
+    bench.leave_alone()
+    report = bench.run(plan_of("current"), tmp_path, resume=True)
+    off = compare(tmp_path / "journal.sqlite", "current")
+    assert report.is_complete, report.sentence
+    assert max(off.values()) <= 1.0, f"{off}, in parts of 2 %, 2° and 5 %"
 
 
 @pytest.mark.long

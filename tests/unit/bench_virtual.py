@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
-from sinew.emulator.found import VirtualPort
-from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.plant import Plant
-from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.bench import EmulatedRig, VirtualPort
+from sinew.emulator.plant import JointPlant, Plant
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import Plan, TendonMode
@@ -26,11 +25,14 @@ class VirtualBench:
     port: VirtualPort
     rig: Rig
 
-    def run(self, plan: Plan, folder: Path, tension_n: dict[float, float], *, resume: bool = False) -> RunReport:
+    def run(
+        self, plan: Plan, folder: Path, tension_n: dict[float, float], *, resume: bool = False, **more: Any
+    ) -> RunReport:
+        """Run a plan, its journal in a folder. more: of the `Runner`, as listener, law or held."""
         texts = (dump_plan(plan), dump_rig(self.spec))
         path = folder / "journal.sqlite"
         with Journal.open(path, *texts) if resume else Journal.create(path, *texts) as journal:
-            return Runner(self.rig, self.port, plan, journal, tension_n).run(resume=resume)
+            return Runner(self.rig, self.port, plan, journal, tension_n, **more).run(resume=resume)
 
 
 def virtual_bench(
@@ -41,12 +43,14 @@ def virtual_bench(
     rest_tilt: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,
     tells_supply: bool = False,
+    told: RigSpec | None = None,
 ) -> VirtualBench:
+    """Return a bench as `spec` says; the run goes by `told`, else by the same."""
     plant = plant or JointPlant(spec, slack_m=slack_m, rest_tilt=rest_tilt)
     emulated = EmulatedRig(spec, plant, seed=seed, tells_supply=tells_supply)
     port = VirtualPort(emulated)
     bus = Bus(port, port, BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms), retries=2)
-    return VirtualBench(spec, emulated, port, Rig(bus, port, spec))
+    return VirtualBench(told or spec, emulated, port, Rig(bus, port, told or spec))
 
 
 def set_going(

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
-from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
+from sinew.analysis.broadband import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
 
 SAMPLE_HZ = 100.0
 Mode = tuple[float, float, float]

@@ -2,9 +2,8 @@
 
 import math
 
-from sinew.emulator.found import VirtualPort
+from sinew.emulator.bench import EmulatedRig, VirtualPort
 from sinew.emulator.plant import HornMotion, Law, Motion
-from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import RigSpec

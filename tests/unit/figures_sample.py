@@ -6,8 +6,14 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.decay.ring_down import DECAY_WINDOWS
-from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import RESULT_VARIABLES, RESULTS_SCHEMA, companions, validate_results
+from sinew.measure.recording import (
+    RESULT_VARIABLES,
+    RESULTS_SCHEMA,
+    Segment,
+    build_recording,
+    companions,
+    validate_results,
+)
 
 AMPLITUDE_DEG = 20.0
 SETTLE_S, PERIODS, RECORD_S = 3.0, 5, 3.0

@@ -6,15 +6,11 @@ from dataclasses import dataclass, field
 from sinew.hardware.codec import (
     ACTION,
     BROADCAST,
-    FAST_BULK_READ,
-    FAST_SYNC_READ,
-    HEADER,
     PING,
     REBOOT,
     Decoder,
     Instruction,
     Status,
-    crc16,
     encode,
     reads_of,
     writes_of,
@@ -94,8 +90,6 @@ class Line:
         addressed = [slave for slave in there if packet.id in (slave.id, BROADCAST)]
         if packet.code == PING:
             return [encode(Status(s.id, s.error, s.model.to_bytes(2, "little") + b"\x2d")) for s in addressed]
-        if packet.code in (FAST_SYNC_READ, FAST_BULK_READ):
-            return [self._fast(packet)]
         answers = []
         for read in reads_of(packet) or ():
             slave = self.slaves.get(read.id)
@@ -112,16 +106,3 @@ class Line:
 
     def _status(self, slave: Slave, data: bytes = b"") -> bytes:
         return encode(Status(slave.id, slave.error, b"" if slave.error & 0x7F else data))
-
-    def _fast(self, packet: Instruction) -> bytes:
-        """Return the common answer; a device that is not there ends it."""
-        reads = reads_of(packet) or ()
-        length = 1 + sum(read.length + 4 for read in reads)
-        frame = HEADER + bytes([BROADCAST, length & 0xFF, length >> 8, 0x55])
-        for read in reads:
-            slave = self.slaves.get(read.id)
-            if slave is None or slave.absent:
-                break
-            frame += bytes([slave.error, slave.id]) + bytes(slave.memory[read.address : read.address + read.length])
-            frame += crc16(frame).to_bytes(2, "little")
-        return frame

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.unit.bench_virtual import virtual_bench
 
-from sinew.analysis.current import CurrentSense, sense_currents, sense_moving, sense_standing
+from sinew.analysis.signal.motors import CurrentSense, sense_currents, sense_moving, sense_standing
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance
@@ -106,7 +106,7 @@ def test_speed_and_voltage_come_from_the_recording() -> None:
         "supply_v": np.full(time.size, VOLTS),
     }
     recording = build_recording(samples, [Segment("steady", 4.0, 2.0, 20.0, 0)], [time.size], provenance("twin"))
-    (drive,) = sense_currents(recording, COUNT_A)
+    (drive,) = sense_currents(recording, COUNT_A).motors
     assert (drive.motor, drive.whose) == ("drive", "motor")
     with pytest.raises(RecordingError, match="no motor with both current and duty"):
         sense_currents(recording.drop_vars("drive_pwm"), COUNT_A)
@@ -127,7 +127,7 @@ def test_an_emulated_drive_that_tells_its_supplys_current_is_found_out_by_a_run(
     tension = dict(zip(pretensions, rest_tension(pretensions, rig).tolist(), strict=True))
     report = bench.run(PLAN, tmp_path, tension)
     assert report.is_complete, report.sentence
-    found = sense_currents(recording_from_journal(tmp_path / "journal.sqlite"), COUNT_A)
+    found = sense_currents(recording_from_journal(tmp_path / "journal.sqlite"), COUNT_A).motors
     assert found[0].whose == "supply"
     assert {one.whose for one in found[1:]} <= {"motor", "undetermined"}
     assert all(one.exponent.low <= 0.0 <= one.exponent.high for one in found[1:])

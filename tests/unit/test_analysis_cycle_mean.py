@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from campaigns.motion_energy import energy_between
 
-from sinew.analysis.signal.power import cycle_mean
+from sinew.analysis.signal.motors import cycle_mean
 
 
 @pytest.mark.parametrize("frequency_hz", [1.5, 3.1, 4.0, 6.0])
@@ -18,11 +17,6 @@ def test_a_broken_last_cycle_does_not_move_the_mean(frequency_hz: float) -> None
     assert mean[0, 0] == pytest.approx(2.0, abs=1e-9)
 
 
-def test_a_plain_mean_would_be_off_where_the_cycle_is_broken() -> None:
-    time = np.arange(round(5.3 / 3.1 * 200)) / 200
-    assert abs(np.mean(2.0 + 3.0 * np.cos(2 * np.pi * 3.1 * time + 0.4)) - 2.0) > 0.02
-
-
 def test_the_deviation_of_the_mean_is_that_of_white_noise() -> None:
     random = np.random.default_rng(1002)
     time = np.broadcast_to(np.arange(300) / 200, (400, 300))
@@ -34,10 +28,3 @@ def test_the_deviation_of_the_mean_is_that_of_white_noise() -> None:
 def test_too_few_samples_give_no_mean() -> None:
     mean, _ = cycle_mean(np.arange(6)[None] / 200, np.ones((1, 1, 6)), np.array([6.0]))
     assert np.isnan(mean).all()
-
-
-def test_the_energy_of_cycles_whose_length_changes_is_the_integral_over_each() -> None:
-    time = np.linspace(0, 3, 3001)
-    edges = np.array([0.1, 0.5003, 1.2, 2.9])
-    found = energy_between(time, 1 + 2 * time, edges)
-    assert found == pytest.approx(np.diff(edges + edges**2), rel=1e-9)

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
+from tests.experiments.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
 
-from sinew.analysis.analysed import analyse_recording, results_document
-from sinew.analysis.doubts import _rows_beyond, doubt_decays, group_doubts, possible_damping
+from sinew.analysis.analysed import analyse_recording, decay_rows
+from sinew.analysis.doubts import doubt_decays, group_doubts, possible_damping
 from sinew.analysis.signal.signals import read_signals
 from sinew.measure.estimate import NORMAL_90
 from sinew.measure.recording import iterate_segments
@@ -132,8 +132,7 @@ def test_what_one_damping_leaves_out_of_a_decay_stands_beside_its_noise(good: xr
     apart = np.abs(results["window_lehr_damping"].values - ratio)
     assert (apart.max(axis=-1) > 3 * NORMAL_90 * noise[..., 0]).all()
     assert (apart < NORMAL_90 * np.hypot(noise, misfit)).all()
-    told = [row["damping_ratio"] for row in results_document(results)["ring_down"]]
-    assert [one["misfit_std"] for one in told] == pytest.approx(misfit[:, 0, 0])
+    assert [row.damping_ratio_misfit for row in decay_rows(results)] == pytest.approx(misfit[:, 0, 0])
 
 
 def test_results_carry_their_doubts(good: xr.Dataset) -> None:
@@ -153,17 +152,6 @@ def test_a_run_says_after_the_group_that_the_lever_went_too_short_or_the_gyro_st
     assert "goal PWM" in of_one_group(of_a_bench(drive__duty_limit=0.2))[0]
     still = good.assign(gyro_rad_s=good["gyro_rad_s"] * 0.0)
     assert "the gyro repeats one value" in of_one_group(still)[0]
-
-
-@pytest.mark.parametrize("needed", [8.0, 9.5, 13.0, 40.2])
-def test_a_row_of_one_value_counts_from_one_more_than_needed_wherever_it_begins(needed: float) -> None:
-    stretches, most = np.array([[50, 200], [200, 260]]), int(needed)
-    for first in range(195 - most, 215):
-        values = np.arange(300.0)[:, None]
-        values[first : first + most + 1] = 7.0
-        inside = [min(stop, first + most + 1) - max(start, first) for start, stop in stretches]
-        found = _rows_beyond(values, stretches, np.full(2, needed))
-        assert found.tolist() == [most + 1 if length == most + 1 else 0 for length in inside]
 
 
 def test_a_lever_without_a_recorded_supply_is_held_against_the_rigs(good: xr.Dataset) -> None:

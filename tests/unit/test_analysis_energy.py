@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns.motion_energy import energy_per_cycle
 from tests.unit.ideal_motor import (
     ARMATURE,
     CONSTANT,
@@ -19,10 +18,7 @@ from tests.unit.ideal_motor import (
 )
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.signal.power import idle_power
-from sinew.measure.errors import RecordingError
-from sinew.measure.files.netcdf import load_dataset, save_dataset
-from sinew.measure.schema import validate_results
+from sinew.analysis.signal.motors import idle_power
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +66,7 @@ def test_the_cheapest_frequency_is_the_least_of_the_closed_form(results: xr.Data
 def test_copper_gear_and_mechanical_power_add_up(results: xr.Dataset) -> None:
     parts = [results[f"{name}_at_resonance_w"].values for name in ("copper", "gear", "mechanical")]
     assert np.allclose(sum(parts), results["drive_power_at_resonance_w"].values, rtol=1e-12)
-
-
-def test_an_ideal_motor_leaves_nothing_for_gear_and_friction(results: xr.Dataset) -> None:
-    assert np.allclose(results["gear_at_resonance_w"].values, 0.0, atol=0.02)
+    assert np.allclose(results["gear_at_resonance_w"].values, 0.0, atol=0.02)  # of an ideal motor
 
 
 def test_the_tendon_motors_are_paid_from_the_break_even_swing_on(results: xr.Dataset) -> None:
@@ -90,34 +83,9 @@ def test_a_recording_without_voltage_and_duty_of_the_tendons_takes_the_rigs_volt
     assert np.allclose(plain["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2)
 
 
-def test_without_a_rig_there_is_no_power() -> None:
+def test_without_a_rig_or_the_duty_there_is_no_power() -> None:
     assert "drive_power_w" not in analyse_recording(recorded())
-
-
-def test_without_the_duty_there_is_no_power() -> None:
     assert "drive_power_w" not in analyse_recording(recorded().drop_vars("drive_pwm"), RIG)
-
-
-def test_results_without_the_energy_part_are_still_valid(results: xr.Dataset, tmp_path) -> None:
-    old = results.drop_vars([name for name in results.data_vars if "_w" in name[-2:] or "_j" in name or name in MORE])
-    save_dataset(old, tmp_path / "results.nc")
-    validate_results(load_dataset(tmp_path / "results.nc"))
-
-
-MORE = {
-    f"{stem}{end}{suffix}"
-    for stem, suffix in (
-        ("energy_reduction", ""),
-        ("energy_reduction_with_holding", ""),
-        ("current_reduction", ""),
-        ("break_even", "_rad"),
-        ("cheapest", "_hz"),
-        ("cheapest_reduction", ""),
-        ("line_current", "_a"),
-        ("line_reduction", ""),
-    )
-    for end in ("", "_std", "_low", "_high")
-}
 
 
 def test_noise_of_the_current_widens_the_interval_and_leaves_the_power() -> None:
@@ -128,21 +96,3 @@ def test_noise_of_the_current_widens_the_interval_and_leaves_the_power() -> None
 
 def test_the_idle_power_is_five_standby_currents() -> None:
     assert idle_power(RIG) == pytest.approx(5 * 0.040 * RIG.drive.supply_voltage.value)
-
-
-def test_the_energy_of_a_motion_on_the_grid_is_the_measured_power_of_its_swing(results: xr.Dataset) -> None:
-    f = float(FREQUENCY[5])
-    there = truth(JOINTS[1], f)
-    motion = energy_per_cycle(results, f, 1.0, there["amplitude_rad"])
-    assert motion.drive.value == pytest.approx(there["drive_power_w"] / f, rel=3e-3)
-    assert motion.holding.value == pytest.approx(4 * 12.0 / 1.3 * TENDON_A**2 / f, rel=1e-6)
-
-
-def test_a_tuned_swing_costs_less_than_the_same_swing_at_the_other_pretension(results: xr.Dataset) -> None:
-    tuned, fixed = (energy_per_cycle(results, [3.4, 4.8], mm, np.deg2rad(7.0)) for mm in ([0.0, 1.0], 0.0))
-    assert tuned.total.high < fixed.total.low
-
-
-def test_a_motion_that_leaves_the_map_is_refused(results: xr.Dataset) -> None:
-    with pytest.raises(RecordingError, match="leaves the map"):
-        energy_per_cycle(results, 7.0, 0.0, 0.1)

@@ -1,13 +1,12 @@
-"""Extremes and the local cubic beside `scipy.signal`, which they stand in for."""
+"""Extremes in turn beside those of `scipy.signal`."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
-from sinew.analysis.signal.extremes import alternating_extremes, local_cubic, maxima
+from sinew.analysis.decay.free_decay import alternating_extremes
 from sinew.measure.arrays import Array
 
 LEVELS = st.lists(st.integers(-4, 4), min_size=1, max_size=60).map(lambda levels: np.array(levels, dtype=float))
@@ -32,16 +31,3 @@ def prominent(values: Array, least: float) -> NDArray[np.intp]:
 @given(LEVELS | NOISE, st.sampled_from([0.1, 0.5, 1.0, 1.5, 2.0, 3.0]))
 def test_extremes_in_turn_are_those_of_scipy_with_the_same_prominence(values: Array, least: float) -> None:
     assert alternating_extremes(values, least).tolist() == prominent(values, least).tolist()
-
-
-@given(LEVELS | NOISE)
-def test_maxima_are_those_of_scipy(values: Array) -> None:
-    assert maxima(values).tolist() == signal.find_peaks(values)[0].tolist()
-
-
-@pytest.mark.parametrize(("window", "size"), [(5, 40), (7, 7), (101, 400), (399, 400)])
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_the_local_cubic_is_the_filter_of_savitzky_and_golay(window: int, size: int, order: int) -> None:
-    values = np.random.default_rng(size).normal(size=size)
-    expected = signal.savgol_filter(values, window, 3, deriv=order, delta=0.01)
-    assert local_cubic(values, window, 0.01)[order] == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinew.analysis.signal.harmonics import _line_amplitudes, fit_harmonics, refine_frequency, relative_noise, waveform
+from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise, waveform
 
 COEFFICIENT = np.array([2.0 - 1.0j, 0.1 + 0.05j, -0.2j, 0.03, 0.01 - 0.02j])
 
@@ -68,13 +68,6 @@ def test_the_standard_deviation_is_right_for_coloured_noise() -> None:
     np.testing.assert_allclose(np.sqrt((fitted.std[:, 0] ** 2).mean(axis=0)), scatter, rtol=0.12)
 
 
-def test_a_formula_for_white_noise_would_be_too_small_by_two() -> None:
-    noise = coloured(400, 333)
-    fitted = fit_harmonics(np.tile(np.arange(333) / 200.0, (400, 1)), noise[:, None], np.full(400, 3.0))
-    scatter = np.sqrt(np.mean(np.abs(fitted.coefficient[:, 0, 0]) ** 2) / 2)
-    assert scatter / (noise.std() * np.sqrt(2 / 333)) > 1.5
-
-
 def test_jitter_is_seen_as_noise_of_the_phase_and_not_of_the_amplitude() -> None:
     time = np.tile(np.arange(333) / 200.0, (50, 1))
     values = np.cos(2 * np.pi * 3.0 * time)
@@ -101,13 +94,3 @@ def test_growth_per_period_is_that_of_a_growing_record() -> None:
 def test_a_frequency_is_refined_from_a_guess_that_is_two_percent_off() -> None:
     time, values = record(3.1234, jitter_s=0.5e-3)
     assert refine_frequency(time, values, 3.06) == pytest.approx(3.1234, rel=1e-6)
-
-
-@pytest.mark.parametrize(("highest", "samples"), [(5, 16), (37, 333), (180, 7001)])
-def test_the_lines_of_the_residual_are_their_plain_sums(highest: int, samples: int) -> None:
-    random = np.random.default_rng(4)
-    residual, turn = random.normal(size=(2, 3, samples)), random.uniform(-4.0, 4.0, (2, samples))
-    number = np.arange(highest + 1)
-    expected = 2 / samples * np.einsum("sqn,skn->sqk", residual, np.exp(-1j * number[:, None] * turn[:, None]))
-    found = _line_amplitudes(residual, turn, highest)[:, :, number]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)

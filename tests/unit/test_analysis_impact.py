@@ -1,11 +1,11 @@
-"""Records of hammer blows through `sn.analyse`: known joints, bad hits, and intervals; more: `campaigns.impacts`."""
+"""Records of hammer blows through `sn.analyse`: known joints, bad hits, and intervals."""
 
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns.impacts import Mode, Pulse, coverage, jobs, run_trial, struck
+from tests.experiments.impacts import Mode, Pulse, coverage, jobs, run_trial, struck
 from tests.unit.broadband_signals import transfer
 
 import sinew as sn
@@ -22,14 +22,14 @@ def noisy(pulses: list[Pulse] = HITS, duration_s: float = 18.5) -> pd.DataFrame:
     return blows(pulses, duration_s, force_noise=0.003, response_noise=0.01)
 
 
-def analysed(table: pd.DataFrame, **options: Any) -> sn.Analysed:
+def analysed(table: pd.DataFrame, **options: Any) -> sn.results.Analysed:
     recording = sn.read(table, time="t", drive="force:N", response="phi:deg", kind="impact", gaps="split")
     return sn.analyse(recording, **options)
 
 
-def numbers(found: sn.Analysed, key: str = "value") -> list[Any]:
+def numbers(found: sn.results.Analysed, key: str = "value") -> list[Any]:
     names = ("natural_frequency_hz", "damping_ratio")
-    return [mode[name][key] for mode in found.document["modes"] for name in names]
+    return [mode[name][key] for mode in found.to_dict()["modes"] for name in names]
 
 
 TRUTH = [3.0, 0.03, 7.0, 0.02]
@@ -43,14 +43,14 @@ def test_as_many_modes_are_found_as_the_joint_has() -> None:
 def test_the_damping_that_the_exponential_window_adds_is_not_in_the_modes(block_s: float) -> None:
     # behind 1 s the window adds 3 1/s to decays of 0.57 and 0.88 1/s, and four tenths of the swing are cut off
     found = analysed(blows(), segment_s=block_s, modes=2, band_hz=(1.0, 15.0))
-    assert found.document["window"]["decay_per_s"] == pytest.approx(np.log(20) / block_s, rel=0.01)
+    assert found.to_dict()["window"]["decay_per_s"] == pytest.approx(np.log(20) / block_s, rel=0.01)
     assert numbers(found) == pytest.approx(TRUTH, rel=0.01)
 
 
 def test_the_response_is_that_of_the_joint_on_the_line_of_its_window() -> None:
     found = analysed(blows(HITS[:1], 6.5), modes=2)
-    sigma = found.document["window"]["decay_per_s"]
-    rows = [row for row in found.document["frequency_response"] if 1.5 < row["frequency_hz"] < 9]
+    sigma = found.to_dict()["window"]["decay_per_s"]
+    rows = [row for row in found.to_dict()["frequency_response"] if 1.5 < row["frequency_hz"] < 9]
     frequency = np.array([row["frequency_hz"] for row in rows]) - 1j * sigma / (2 * np.pi)
     truth = np.radians(1) * transfer(TWO, frequency)
     # what the block cuts off of a mode is exp(-(σ + ζω) 6 s) of it, 0.0017 of the slower
@@ -62,7 +62,7 @@ def test_the_response_is_that_of_the_joint_on_the_line_of_its_window() -> None:
 
 
 def test_several_hits_have_a_coherence_and_h2_above_h1() -> None:
-    rows = [row for row in analysed(noisy()).document["frequency_response"] if 2.5 < row["frequency_hz"] < 3.5]
+    rows = [row for row in analysed(noisy()).to_dict()["frequency_response"] if 2.5 < row["frequency_hz"] < 3.5]
     assert min(row["coherence"] for row in rows) > 0.9
     assert all(row["gain_h2"] >= row["gain"]["value"] for row in rows)
 
@@ -70,7 +70,7 @@ def test_several_hits_have_a_coherence_and_h2_above_h1() -> None:
 def test_one_hit_has_modes_but_no_coherence_and_says_so() -> None:
     found = analysed(noisy(HITS[:1], 6.0))
     assert numbers(found) == pytest.approx(TRUTH, rel=0.1)
-    assert {row["coherence"] for row in found.document["frequency_response"]} == {None}
+    assert {row["coherence"] for row in found.to_dict()["frequency_response"]} == {None}
     assert any("no coherence" in note for note in found.notes)
 
 
@@ -80,12 +80,12 @@ def test_hits_of_triggered_captures_are_averaged_over_the_gaps_between_them() ->
     kept = [(t > hit.at_s - 0.1) & (t < hit.at_s + 5) for hit in HITS]
     found = analysed(table[np.any(kept, axis=0)])
     assert found.recording.sizes["segment"] == 3
-    assert found.document["averages"] == 3
-    assert [hit["time_s"] for hit in found.document["hits"]] == pytest.approx([0.51, 6.51, 12.51], abs=0.01)
+    assert found.to_dict()["averages"] == 3
+    assert [hit["time_s"] for hit in found.to_dict()["hits"]] == pytest.approx([0.51, 6.51, 12.51], abs=0.01)
 
 
-def used(found: sn.Analysed) -> list[bool]:
-    return [hit["used"] for hit in found.document["hits"]]
+def used(found: sn.results.Analysed) -> list[bool]:
+    return [hit["used"] for hit in found.to_dict()["hits"]]
 
 
 BOUNCE = Pulse(6.56, 0.3, 0.015)
@@ -103,18 +103,15 @@ def test_a_double_hit_is_used_where_there_is_no_other() -> None:
     assert numbers(found) == pytest.approx(TRUTH, rel=0.1)
 
 
-def test_a_force_beyond_its_range_is_found_and_left_out() -> None:
+def test_force_and_response_beyond_their_ranges_are_found_and_left_out() -> None:
     table = noisy()
     found = analysed(table.assign(force=table["force"].clip(upper=0.85)))
     assert used(found) == [False, True, True]
-    assert "overload, the force is cut off" in found.document["hits"][0]["remark"]
-
-
-def test_a_response_beyond_its_range_is_found_and_left_out() -> None:
-    table = noisy()
+    assert "overload, the force is cut off" in found.to_dict()["hits"][0]["remark"]
     top = float(table["phi"].abs().max())
-    found = analysed(table.assign(phi=table["phi"].clip(-0.9 * top, 0.9 * top)))
-    assert used(found) == [False, True, True]
+    assert used(analysed(table.assign(phi=table["phi"].clip(-0.9 * top, 0.9 * top)))) == [False, True, True]
+    step = top / 100  # digits at the turn of a slow swing are no overload
+    assert used(analysed(table.assign(phi=(table["phi"] / step).round() * step))) == [True] * 3
 
 
 def test_a_response_that_is_cut_off_behind_every_hit_is_refused() -> None:
@@ -122,12 +119,6 @@ def test_a_response_that_is_cut_off_behind_every_hit_is_refused() -> None:
     top = float(table["phi"].abs().max())
     with pytest.raises(sn.RecordingError, match=r"no hit can be used .*response is cut off"):
         analysed(table.assign(phi=table["phi"].clip(-0.5 * top, 0.5 * top)))
-
-
-def test_digits_at_the_turn_of_a_slow_swing_are_no_overload() -> None:
-    table = noisy()
-    step = float(table["phi"].abs().max()) / 100
-    assert used(analysed(table.assign(phi=(table["phi"] / step).round() * step))) == [True] * 3
 
 
 def test_a_hit_with_too_little_behind_it_is_left_out() -> None:
@@ -141,10 +132,11 @@ def test_a_swing_that_is_left_when_the_next_hit_comes_is_said() -> None:
     assert numbers(found)[:2] == pytest.approx(TRUTH[:2], rel=0.1)
 
 
-def test_a_drive_without_a_hit_is_refused() -> None:
-    table = blows()
+def test_a_drive_without_a_hit_and_a_response_that_stands_still_are_refused() -> None:
     with pytest.raises(sn.RecordingError, match="found no hit"):
-        analysed(table.assign(force=np.sin(table["t"])))
+        analysed(blows().assign(force=lambda table: np.sin(table["t"])))
+    with pytest.raises(sn.RecordingError, match="answers the drive at no frequency"):
+        analysed(noisy().assign(phi=1.0), band_hz=(1.0, 5.0))
 
 
 @pytest.mark.slow
@@ -154,8 +146,3 @@ def test_the_intervals_of_the_modes_hold_what_they_say() -> None:
     share, count = coverage(rows)
     assert count >= 100
     assert share >= 0.8
-
-
-def test_a_response_that_stands_still_under_the_blows_is_refused_in_words() -> None:
-    with pytest.raises(sn.RecordingError, match="answers the drive at no frequency"):
-        analysed(noisy().assign(phi=1.0), band_hz=(1.0, 5.0))

@@ -1,4 +1,4 @@
-"""The kind of a record is found: made records of every kind (more: `campaigns.kinds`), and those of others."""
+"""The kind of a record is found: made records of every kind (more: `tests.experiments.kinds`), and those of others."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns.kinds import MANNERS, record, run_trial
+from tests.experiments.kinds import MANNERS, record, run_trial
 from tests.unit.broadband_signals import noise as noise_drive
 from tests.unit.broadband_signals import shaken
 
@@ -76,8 +76,9 @@ def test_a_response_that_goes_on_swinging_without_a_drive_is_refused() -> None:
 def test_auto_answers_as_the_kind_would_and_says_why() -> None:
     table = record(next(manner for manner in MANNERS if MANNERS[manner] == "sweep"), 1)
     said, found = (sn.analyse(read(table, kind=kind)) for kind in ("sweep", "auto"))
-    assert found.document.pop("kind_reason").startswith("the drive holds")
-    assert found.document == said.document
+    document = found.to_dict()
+    assert document.pop("kind_reason").startswith("the drive holds")
+    assert document == said.to_dict()
     assert found.notes[0].startswith("taken for a sweep of steady stretches: the drive holds")
 
 
@@ -100,7 +101,7 @@ def test_a_record_of_which_two_kinds_are_possible_is_refused_with_both() -> None
 def test_a_kind_that_was_read_can_be_said_anew() -> None:
     table = shaken(noise_drive, [(3.0, 0.05, 1.0)], 1, seconds=60.0).rename(columns={"phi": "x"})
     documents = [
-        sn.analyse(read(table, kind=kind), kind="broadband").document for kind in ("sweep", "broadband", "auto")
+        sn.analyse(read(table, kind=kind), kind="broadband").to_dict() for kind in ("sweep", "broadband", "auto")
     ]
     assert documents[0] == documents[1] == documents[2]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.unit.ring_down_signals import Decay, times
 
-from sinew.analysis.decay.modes import ModalDecay, fit_modes, split_poles
+from sinew.analysis.decay.modes import ModalDecay, fit_modes
 from sinew.measure.errors import RecordingError
 
 # natural frequency [Hz], damping ratio, amplitude, phase
@@ -27,21 +27,11 @@ def fit(rows: list[Row], seed: int = 0, noise: float = 0.1, **kwargs) -> ModalDe
     return fit_modes(T, decay(rows, seed, noise), free_from_s=0.0, **kwargs)
 
 
-def test_the_pencil_finds_the_poles_of_an_exact_decay() -> None:
-    x = sum(np.exp(p * T).real for p in (-0.5 + 19j, -0.3 + 21j))
-    (poles,) = split_poles(x, 0.01, (4,))
-    assert sorted(p.imag for p, _ in poles) == pytest.approx([19.0, 21.0], rel=1e-6)
-
-
 @pytest.mark.parametrize("modes", [ONE, CLOSE, THREE], ids=["one", "close", "three"])
 def test_the_modes_of_a_nearly_exact_decay_are_found(modes: list[Row]) -> None:
     found = sorted(fit(modes, noise=1e-4).modes, key=lambda mode: mode.frequency_hz.value)
     values = [(m.natural_frequency_hz.value, m.damping_ratio.value, m.amplitude.value) for m in found]
     assert values == [pytest.approx(row[:3], rel=2e-3) for row in modes]
-
-
-def test_the_phase_is_that_at_the_start_of_the_window() -> None:
-    assert fit(ONE, noise=1e-4).modes[0].phase_rad.value == pytest.approx(0.3, abs=1e-3)
 
 
 @pytest.mark.slow

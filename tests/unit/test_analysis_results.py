@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
-from tests.unit.figures_sample import foreign_ring_down
 
-from sinew.analysis.analysed import analyse_recording, join_parts, response_table_json
-from sinew.analysis.sweep.response import gain_map
+from sinew.analysis.analysed import analyse_recording, join_parts, response_rows
 from sinew.measure.errors import RecordingError, SchemaError
-from sinew.measure.files.netcdf import content_hash, load_dataset, load_results, save_dataset
-from sinew.measure.schema import (
+from sinew.measure.files.netcdf import content_hash, load_dataset, save_dataset
+from sinew.measure.recording import (
     ENERGY_QUANTITIES,
     POWER_COLUMNS,
     RESULT_VARIABLES,
-    RESULTS_SCHEMA,
     companions,
     validate_results,
 )
+from sinew.measure.result import plain
 
 FREQUENCY_HZ = np.linspace(1.53, 5.97, 24)
 JOINTS = [Joint(natural_hz=3.0), Joint(natural_hz=3.6, damping=0.09), Joint(natural_hz=4.1, damping=0.1)]
@@ -35,10 +33,6 @@ def recording():
 @pytest.fixture(scope="module")
 def results(recording):
     return analyse_recording(recording, rig_with(Sensing(), delay_std_s=0.3e-3))
-
-
-def test_results_keep_their_schema(results) -> None:
-    assert validate_results(results) is results
 
 
 def test_results_of_a_sweep_have_every_variable_of_response_and_resonance(results) -> None:
@@ -79,46 +73,14 @@ def test_a_recording_of_rest_alone_is_refused() -> None:
         analyse_recording(rest)
 
 
-def test_the_table_has_a_row_for_each_pretension_and_frequency(results) -> None:
-    assert len(response_table_json(results)) == 3 * FREQUENCY_HZ.size
-
-
-def test_the_table_is_json_without_nan(results) -> None:
-    assert json.loads(json.dumps(response_table_json(results), allow_nan=False))
-
-
-def test_a_row_of_the_table_holds_the_gain_and_its_interval(results) -> None:
-    row = response_table_json(results)[7]
-    low, high = row["gain_measured_drive"]["interval90"]
-    assert low < row["gain_measured_drive"]["value"] < high
-
-
-def test_a_row_of_the_table_holds_the_lag_in_degrees_with_the_delays_share(results) -> None:
-    row = response_table_json(results)[7]
-    assert row["phase_lag_deg"]["std"] >= 360 * row["frequency_hz"] * 0.3e-3
-
-
-def test_what_was_not_recorded_is_null_in_the_table(results) -> None:
-    assert response_table_json(results)[0]["drive_current_rms_a"] is None
-
-
-def test_the_map_holds_the_mean_over_repeats(results) -> None:
-    np.testing.assert_allclose(gain_map(results)["gain"], results["gain"].mean("repeat"))
-
-
-def test_the_maps_tube_is_one_standard_deviation_over_repeats(results) -> None:
-    np.testing.assert_allclose(gain_map(results)["gain_std"], results["gain"].std("repeat", ddof=1))
-
-
-def test_the_ridge_of_the_map_is_the_resonance(results) -> None:
-    np.testing.assert_array_equal(
-        gain_map(results, "gain_measured_drive")["ridge_hz"], results["resonance_measured_drive_hz"]
-    )
-
-
-def test_results_without_sweep_have_no_map(results) -> None:
-    with pytest.raises(RecordingError, match="no sweep"):
-        gain_map(results[["pretension_mm"]])
+def test_the_table_has_a_row_for_each_pretension_and_frequency_with_intervals_in_json(results) -> None:
+    rows = response_rows(results)
+    row = rows[7]
+    assert len(rows) == 3 * FREQUENCY_HZ.size
+    assert row.gain_measured_drive.low < row.gain_measured_drive.value < row.gain_measured_drive.high
+    assert row.phase_lag_deg.std >= 360 * row.frequency_hz * 0.3e-3  # the delay's share is in it
+    assert row.drive_current_rms_a is None
+    assert json.loads(json.dumps(plain(rows), allow_nan=False))
 
 
 @pytest.mark.slow
@@ -145,39 +107,9 @@ def test_a_pretension_is_found_by_its_millimetres_and_not_by_its_place(recording
     np.testing.assert_array_equal(at.sel(pretension_mm=15)["gain"], at.isel(pretension_mm=1)["gain"])
 
 
-def test_frequency_and_repeat_are_found_by_their_coordinates(results) -> None:
-    there = {"frequency_hz": FREQUENCY_HZ[3], "repeat": 2}
-    np.testing.assert_array_equal(results["gain"].sel(there), results["gain"].values[:, 3, 1])
-
-
 def test_the_second_repeat_keeps_its_number_where_the_first_is_missing(recording) -> None:
     later = analyse_recording(recording.assign(repeat=recording["repeat"] + 1))
     assert later["repeat"].values.tolist() == [2, 3, 4]
-
-
-def of_the_older_schema(results: xr.Dataset) -> xr.Dataset:
-    """Return results as they were written before their axes had coordinates: `sinew-results-1`."""
-    plain = results.drop_indexes(["pretension_mm", "frequency_hz", "repeat"]).drop_vars("repeat").reset_coords()
-    plain = plain.rename_dims(pretension_mm="pretension", frequency_hz="frequency")
-    return plain.assign_attrs(schema="sinew-results-1")
-
-
-def test_results_without_coordinates_are_brought_to_todays_shape_by_the_reader(results, tmp_path) -> None:
-    older = of_the_older_schema(results)
-    assert not older.indexes
-    save_dataset(older, tmp_path / "results.nc")
-    read = load_results(tmp_path / "results.nc")
-    xr.testing.assert_identical(read.drop_attrs(), results.drop_attrs())
-    assert read.attrs["schema"] == RESULTS_SCHEMA
-
-
-def test_results_of_ring_downs_alone_are_brought_to_todays_shape_too(tmp_path) -> None:
-    part = validate_results(foreign_ring_down()[1])
-    older = part.drop_indexes(["pretension_mm", "repeat"]).drop_vars("repeat").reset_coords()
-    save_dataset(
-        older.rename_dims(pretension_mm="pretension").assign_attrs(schema="sinew-results-1"), tmp_path / "r.nc"
-    )
-    assert load_results(tmp_path / "r.nc").sel(pretension_mm=0, repeat=1)["damping_ratio"].size == 1
 
 
 @pytest.mark.parametrize(
@@ -207,8 +139,4 @@ def test_a_ring_down_part_joins_a_sweep_at_its_own_pretensions(results) -> None:
     joined = join_parts([results, ring_down_part([1.0, 5.0], 2)])
     np.testing.assert_array_equal(joined["pretension_mm"], [0, 1, 2, 5])
     np.testing.assert_array_equal(joined["damping_ratio"].values[:, 1], [np.nan, 1.1, np.nan, 5.1])
-
-
-def test_joining_a_ring_down_part_moves_no_gain(results) -> None:
-    joined = join_parts([results, ring_down_part([1.0, 5.0], 4)])
-    np.testing.assert_array_equal(joined["gain"].values[:3, :, :3], results["gain"].values)
+    np.testing.assert_array_equal(joined["gain"].values[:3], results["gain"].values)

@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy import signal
 from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig_with, sweep
 
 from sinew.analysis.signal.signals import (
     DelayBudget,
-    delay_budget,
     drive_chain,
     read_signals,
-    sample_rate,
     torsion_chain,
     torsion_delay,
 )
@@ -57,17 +54,17 @@ def test_a_perfect_sensor_changes_nothing() -> None:
 
 def test_a_recording_without_rig_has_a_perfect_sensor() -> None:
     recording = sweep([Joint()], [3.0])
-    assert delay_budget(recording, None) == DelayBudget(sample_rate(recording))
+    assert read_signals(recording).budget == DelayBudget(pytest.approx(SAMPLE_HZ))
 
 
 def test_the_budget_reads_the_rig() -> None:
-    budget = delay_budget(sweep([Joint()], [3.0]), rig_with(Sensing(drive_delay_s=1.3e-3)))
+    budget = read_signals(sweep([Joint()], [3.0]), rig_with(Sensing(drive_delay_s=1.3e-3))).budget
     assert (budget.low_pass_hz, budget.average_samples, budget.drive_delay_s) == pytest.approx((41.0, 3, 1.3e-3))
 
 
 def test_the_sample_rate_survives_jitter() -> None:
     recording = sweep([Joint()], [2.0, 3.0, 4.0], sensing=Sensing(jitter_s=0.5e-3))
-    assert sample_rate(recording) == pytest.approx(SAMPLE_HZ, rel=0.01)
+    assert read_signals(recording).budget.sample_hz == pytest.approx(SAMPLE_HZ, rel=0.01)
 
 
 def test_without_two_samples_in_a_segment_there_is_no_delay_budget() -> None:
@@ -76,13 +73,3 @@ def test_without_two_samples_in_a_segment_there_is_no_delay_budget() -> None:
     signals = read_signals(build_recording(samples, segments, [1] * 9, {"source": "import"}))
     with pytest.raises(TimeError, match="no segment holds two samples"):
         _ = signals.budget
-
-
-@pytest.mark.parametrize("pieces", [[30_000], [12_001, 7, 9000], [1, 2, 3]])
-def test_the_sample_rate_is_by_the_median_of_all_steps_inside_segments(pieces: list[int]) -> None:
-    steps = 5e-3 + 1e-4 * np.random.default_rng(5).standard_normal(sum(pieces))
-    ends = np.cumsum(pieces)[:-1]
-    steps[ends] = 40.0
-    recording = xr.Dataset({"time_s": ("sample", np.cumsum(steps)), "row_size": ("segment", pieces)})
-    inside = np.delete(np.diff(recording["time_s"].values), ends - 1)
-    assert sample_rate(recording) == 1.0 / np.median(inside)

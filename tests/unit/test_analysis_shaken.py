@@ -11,17 +11,17 @@ TWO: list[Mode] = [(3.0, 0.05, 1.0), (5.0, 0.03, 0.4)]
 EXCITATIONS = pytest.mark.parametrize("kind", [noise, chirp, multisine])
 
 
-def analysed(table: pd.DataFrame, **options) -> sn.Analysed:
+def analysed(table: pd.DataFrame, **options) -> sn.results.Analysed:
     recording = sn.read(table, time="t", drive="u:N*m", response="phi:deg", kind="broadband", gaps="split")
     return sn.analyse(recording, **options)
 
 
-def numbers(found: sn.Analysed) -> list[dict]:
+def numbers(found: sn.results.Analysed) -> list[dict]:
     keys = ("natural_frequency_hz", "damping_ratio")
-    return [mode[key] for mode in found.document["modes"] for key in keys]
+    return [mode[key] for mode in found.to_dict()["modes"] for key in keys]
 
 
-def inside(found: sn.Analysed, modes: list[Mode]) -> list[bool]:
+def inside(found: sn.results.Analysed, modes: list[Mode]) -> list[bool]:
     truth = [value for mode in modes for value in mode[:2]]
     pairs = zip(numbers(found), truth, strict=True)
     return [estimate["interval90"][0] <= value <= estimate["interval90"][1] for estimate, value in pairs]
@@ -43,7 +43,7 @@ def test_the_90_percent_intervals_cover_the_modes(kind) -> None:
 @EXCITATIONS
 def test_the_response_is_that_of_the_joint_in_gain_and_lag(kind) -> None:
     table = shaken(kind, [(3.0, 0.15, 1.0)], 2)
-    document = analysed(table).document
+    document = analysed(table).to_dict()
     rows = [row for row in document["frequency_response"] if 1.5 < row["frequency_hz"] < 6 and row["coherence"] > 0.9]
     truth = np.radians(1) * transfer([(3.0, 0.15, 1.0)], np.array([row["frequency_hz"] for row in rows]))
     assert len(rows) > 15
@@ -52,12 +52,12 @@ def test_the_response_is_that_of_the_joint_in_gain_and_lag(kind) -> None:
 
 
 def test_a_drive_that_repeats_itself_is_averaged_over_its_periods() -> None:
-    document = analysed(shaken(multisine, TWO, 3)).document
+    document = analysed(shaken(multisine, TWO, 3)).to_dict()
     assert (document["period_s"], document["averages"]) == (8.0, pytest.approx(14))
 
 
 def test_noise_is_not_taken_for_a_drive_that_repeats_itself() -> None:
-    assert analysed(shaken(noise, TWO, 4)).document["period_s"] is None
+    assert analysed(shaken(noise, TWO, 4)).to_dict()["period_s"] is None
 
 
 def test_a_record_with_a_gap_has_the_modes_of_its_pieces() -> None:
@@ -80,11 +80,11 @@ def test_uneven_samples_are_interpolated_and_said_so() -> None:
 def test_a_response_without_a_resonance_still_has_gain_and_coherence() -> None:
     table = shaken(noise, [(3.0, 0.1, 1.0)], 7)
     found = analysed(table.assign(phi=table["u"] + 0.01 * np.random.default_rng(7).standard_normal(table.shape[0])))
-    gains = [row["gain"]["value"] for row in found.document["frequency_response"]]
+    gains = [row["gain"]["value"] for row in found.to_dict()["frequency_response"]]
     assert np.median(gains) == pytest.approx(np.radians(1), rel=0.01)
 
 
 def test_a_record_read_as_a_sweep_is_taken_whole_where_that_is_asked() -> None:
     table = shaken(noise, TWO, 8)
     sweep = sn.read(table, time="t", drive="u:N*m", response="phi:deg", kind="sweep")
-    assert sn.analyse(sweep, kind="broadband").document == analysed(table).document
+    assert sn.analyse(sweep, kind="broadband").to_dict() == analysed(table).to_dict()

@@ -6,7 +6,7 @@ from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
 from sinew.analysis.signal.attitude import integrate_rate, steady_motion
 from sinew.analysis.signal.signals import response_channel
-from sinew.analysis.sweep.portrait import fit_ellipse
+from sinew.analysis.sweep.response import fit_ellipse
 from sinew.measure.errors import RecordingError
 
 JOINT = Joint(natural_hz=3.2, damping=0.08)

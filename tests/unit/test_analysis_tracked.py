@@ -13,10 +13,10 @@ from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.signals import DelayBudget, drive_chain, torsion_chain
 from sinew.analysis.tracked import (
     BACKBONES_ATTRIBUTE,
+    find_tracking,
     frequency_on_backbone,
     tracked_point,
     tracked_turns,
-    tracking_document,
     turns_to_lock,
 )
 from sinew.apps.cli import main
@@ -154,17 +154,19 @@ def predicted(found: xr.Dataset) -> xr.Dataset:
 
 
 def test_a_recording_tells_the_prediction_beside_what_was_tracked() -> None:
-    (track,) = tracking_document(predicted(recording(error_deg=0.5)), RIG)["tracks"]
-    assert track["point"]["predicted_hz"] == pytest.approx(3.4, abs=1e-4)
-    assert (track["lock_cycles"], track["lock_losses"], track["follow"]) == (3.0, 0, None)
-    assert track["phase_error_deg"] == pytest.approx(0.5, abs=0.05)
+    (track,) = find_tracking(predicted(recording(error_deg=0.5)), RIG).tracks
+    assert track.point is not None
+    assert track.point.predicted_hz == pytest.approx(3.4, abs=1e-4)
+    assert (track.lock_cycles, track.lock_losses, track.follow) == (3.0, 0, None)
+    assert track.phase_error_deg == pytest.approx(0.5, abs=0.05)
 
 
 def test_what_was_tracked_is_analysed_and_told_as_a_table() -> None:
     found = analyse(recording(error_deg=0.5), RIG)
-    (table,) = found.told()
+    (table,) = found.blocks()
     assert not isinstance(table, str)
-    assert (table.rows[0][:2], table.rows[0][-2:]) == (["6", "20"], ["3", "0.5"])
+    assert table.columns[:3] == ["pretension/mm", "held/°", "locked after turns"]
+    assert table.rows[0][:3] == ("6", "20", "3")
     assert found.dataset is None
 
 

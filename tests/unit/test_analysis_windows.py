@@ -6,8 +6,7 @@ import xarray as xr
 from scipy.signal import find_peaks
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.decay.decay_windows import decay_windows, describe_windows, windows_agree
-from sinew.analysis.decay.free_decay import fit_envelope
+from sinew.analysis.decay.paper_method import decay_windows, describe_windows, fit_envelope, windows_agree
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, DECAY_WINDOWS, analyse_ring_downs
 from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.measure.recording import Segment, build_recording

@@ -1,21 +1,25 @@
 """What a bench may pull is bounded by the motors themselves: limits of the laboratory stay, and a killed run holds no
 more than was asked for."""
 
+import json
+import math
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.guide_moves import widen_window
+from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.bench.stops import stop
-from sinew.emulator.joint_plant import JointPlant
+from sinew.emulator.plant import JointPlant
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import MotorReading, Reading
 from sinew.measure.errors import DeviceError, LimitError
@@ -226,3 +230,60 @@ def test_a_motor_that_is_frozen_is_never_left_with_more_output_than_it_had() -> 
     tendon.torque_on()
     stop(bench.rig, bench.port, "hold")
     assert tendon.get_count("goal_pwm") == had
+
+
+@pytest.mark.slow
+def test_each_motor_yields_5_n_above_what_its_own_tendon_carries_when_the_plate_is_level(tmp_path: Path) -> None:
+    """As in the twin, whose limit is above the tension at rest. The silicone is bent by 0.8° here, so that a level
+    plate hangs on unequal tendons; count and reading are whole counts of 2.69 mA, half of one of each is 0.56 N."""
+    bench = virtual_bench(SPEC, rest_tilt=(0.01, -0.01))
+    text = dump_plan(plan_at(4.0)).replace('mode = "position"', 'mode = "position-with-current-limit"')
+    assert bench.run(parse_plan(text), tmp_path, TENSION).is_complete
+    limits = [
+        SPEC.tendons.tension(bench.emulated.motors[device].registers["goal_current"] * 2.69e-3)
+        for device in SPEC.wiring.tendon_ids
+    ]
+    recording = recording_from_journal(tmp_path / "journal.sqlite")
+    assert recording["kind"].values[0] == "idle"
+    at_rest = recording["tendon_current_a"].values[: int(recording["row_size"].values[0])]
+    carried = SPEC.tendons.tension(at_rest.mean(axis=0))
+    assert np.ptp(carried) > 2.0
+    assert limits - carried == pytest.approx(np.full(4, 5.0), abs=0.57)
+    said = json.loads(recording.attrs["tendon_limit_a"])
+    assert said == {"4": pytest.approx(SPEC.tendons.current(np.mean(limits)), rel=1e-9)}
+
+
+def pulled_by_a_swing(torsion: float, pretension: float) -> float:
+    """Return by how much each tendon's tension rises where the head is turned slowly [N]: the balance of
+    relaxed, neo-Hookean silicone in twist and compression (Rivlin) with four tendons."""
+    tendons, silicone = SPEC.tendons, SPEC.silicone
+    length, span, radius = silicone.length.value, tendons.free_span.value, tendons.head_radius.value
+    series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
+    contact = tendons.first_contact_tension.value
+
+    def push(x: float, twist: float) -> float:
+        stretch, rigidity = 1 - x / length, silicone.torsional_rigidity.value
+        shear = SPEC.axial_stiffness * length / 3
+        return shear * (stretch**-2 - stretch) + rigidity * (twist / length / stretch) ** 2 / 2
+
+    def between(x: float, twist: float) -> float:
+        return math.sqrt((span - x) ** 2 + 2 * radius**2 * (1 - math.cos(twist)))
+
+    met = brentq(lambda x: push(x, 0.0) - 4 * contact, 0.0, 0.02)
+    cable = between(met, 0.0) - contact * series - pretension
+
+    def rest(twist: float) -> float:
+        return float(brentq(lambda x: push(x, twist) - 4 * (between(x, twist) - cable) / series, -0.02, 0.04))
+
+    at, turned = rest(0.0), rest(torsion)
+    return (between(turned, torsion) - between(at, 0.0)) / series
+
+
+@pytest.mark.parametrize(("torsion_deg", "pretension_mm"), [(57.0, 0.0), (40.0, 4.0), (28.0, 12.0), (80.0, 4.0)])
+def test_a_swing_is_expected_to_pull_at_least_what_it_does_slowly_and_no_more_than_stiffer_silicone(
+    torsion_deg: float, pretension_mm: float
+) -> None:
+    # As quick as it is, twisted silicone resists by more: of a constant loss factor η, by 100^(2η/π) in two decades.
+    slowly = pulled_by_a_swing(math.radians(torsion_deg), 1e-3 * pretension_mm)
+    found = SPEC.swing_pull(math.radians(torsion_deg), shortened=1e-3 * pretension_mm)
+    assert slowly < found < slowly * 100 ** (2 * SPEC.silicone.loss_factor.value / math.pi)

@@ -15,12 +15,8 @@ def ward() -> Ward:
 
 def test_every_motor_is_told_with_id_model_firmware_voltage_and_temperature(ward: Ward) -> None:
     (told,) = ward.about("drive", "ok")
-    facts = ("id 5", "XM430-W350", "firmware 47 (knows fast reads)", "13.3 V", "25 °C", "mode position")
+    facts = ("id 5", "XM430-W350", "firmware 47", "13.3 V", "25 °C", "mode position")
     assert [fact for fact in facts if fact not in told] == []
-
-
-def test_old_firmware_is_told_not_to_know_fast_reads() -> None:
-    assert "firmware 44 (does not know fast reads)" in Ward(firmware=44).about("drive", "ok")[0]
 
 
 def test_a_factory_new_bench_has_no_fault(ward: Ward) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.bench_ward import Ward
 
-from sinew.bench.doctor import LoopTimes, examine_bus, examine_loop, examine_wire, time_loop
+from sinew.bench.doctor import LoopTimes, examine_bus, examine_loop, time_loop
 
 
 @pytest.fixture
@@ -80,17 +80,3 @@ def test_an_adapter_that_returns_what_is_sent_is_told_as_a_note(ward: Ward) -> N
     found = {finding.subject: finding for finding in examine_bus(ward.rigged, times)}
     assert {subject: finding.severity for subject, finding in found.items()} == {"port": "note", "bus": "ok"}
     assert f"returned {times.cycles} of {times.cycles} packets" in found["port"].found
-
-
-def test_the_time_on_the_wire_of_plain_and_fast_reads_is_told_against_the_cycle(ward: Ward) -> None:
-    (finding,) = examine_wire(ward.rigged, 200.0)
-    # Bytes of 10 µs: goals 10 + 5·9, question 10 + 6·5, and 119 of data behind 6·11 or, as one packet, 8 + 6·4.
-    told = "2.84 ms with plain reads, 2.50 ms with fast reads, of the 5.00 ms of a cycle at 200 Hz and 1000000 baud"
-    assert finding.found == told
-    assert finding.severity == "ok"
-
-
-@pytest.mark.parametrize(("baud", "severity"), [(1_000_000, "ok"), (115_200, "warning")])
-def test_a_wire_that_no_read_leaves_time_on_is_a_warning(baud: int, severity: str) -> None:
-    ward = Ward({"baud": baud})
-    assert [finding.severity for finding in examine_wire(ward.rigged, 200.0)] == [severity]

@@ -11,7 +11,7 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.bench.doctor import Fix, apply_fixes, examine_port, list_fixes, search_bauds
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.serial_port import LatencyTimer, find_latency_timer, is_ftdi
+from sinew.hardware.ports import LatencyTimer, find_latency_timer, is_ftdi
 
 
 @pytest.fixture
@@ -46,17 +46,6 @@ def test_one_motor_at_another_baud_is_to_be_set_like_the_others(ward: Ward) -> N
     ]
 
 
-def test_a_port_that_does_not_know_a_baud_is_no_trouble() -> None:
-    from sinew.measure.errors import PortError
-
-    @contextmanager
-    def open_bus(baud: int) -> Iterator[Bus]:
-        raise PortError(f"cannot open at {baud}")
-        yield
-
-    assert [f.severity for f in search_bauds(open_bus, 1_000_000, nobody=True)] == ["note"]
-
-
 def adapter(tmp_path: Path, milliseconds: str) -> tuple[str, Path]:
     folder = tmp_path / "ttyUSB3"
     folder.mkdir()
@@ -73,11 +62,6 @@ def test_a_latency_timer_of_16_ms_is_told_and_set(ward: Ward, tmp_path: Path) ->
     assert (written[0].severity, timer.read()) == ("ok", 1)
 
 
-def test_a_latency_timer_of_1_ms_is_fine(tmp_path: Path) -> None:
-    timer = find_latency_timer(*adapter(tmp_path, "1\n"))
-    assert [f.severity for f in examine_port(timer, 1_000_000, 1_000_000)] == ["ok"]
-
-
 def test_a_timer_that_may_not_be_written_is_told_with_the_command_for_it(ward: Ward, tmp_path: Path) -> None:
     timer = LatencyTimer(tmp_path / "no such folder" / "latency_timer")
     written = apply_fixes(ward.rigged, ward.port, [Fix("port", "latency_timer", 16, 1)], timer)
@@ -91,12 +75,15 @@ def test_a_port_without_such_an_adapter_has_no_timer(tmp_path: Path, port: str) 
 
 
 def test_an_ftdi_adapter_whose_timer_is_not_shown_is_named_with_its_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on macOS, where nothing lists the timer."""
+    """As on macOS, where nothing lists the timer, and where nothing that a user can change sets it: FTDI's AN232B-04
+    gives the 16 ms and, for Windows alone, a setting; the driver of old systems had its own Info.plist (TN_105)."""
     device = "/dev/cu.usbserial-FT4THV1R"
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [SimpleNamespace(device=device, vid=0x0403)])
     (found,) = examine_port(None, 1_000_000, 1_000_000, of_ftdi=is_ftdi(device))
     assert (found.severity, found.fixable, found.expected) == ("warning", False, "1 ms")
-    assert "16 ms unless it was set" in found.found
+    assert "16 ms" in found.found
+    assert "settings" not in found.advice
+    assert "use Linux, or an adapter without this timer, such as the OpenCR's own USB" in found.advice
     assert not is_ftdi("/dev/cu.usbmodem14101")
 
 

@@ -42,15 +42,6 @@ def flat(value: Sample) -> list[float]:
     return [x for part in astuple(value) for x in (part if isinstance(part, tuple) else (part,))]
 
 
-def test_a_row_holds_every_number_of_a_sample_in_the_order_of_its_fields() -> None:
-    assert list(sample_row(sample())) == flat(sample())
-
-
-def test_the_columns_of_a_row_are_named_with_their_unit() -> None:
-    named = dict(zip(sample_columns(parse_rig(RIG_TEXT)), sample_row(sample()), strict=True))
-    assert (named["tendon_2_current_a"], named["gyro_z_rad_s"], named["acceleration_x_m_s2"]) == (10, 15, 16)
-
-
 def test_what_was_appended_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     group = cycles(PLAN.groups()[1], 1000.0, Node(has_counter=True))
     with create(tmp_path) as journal:
@@ -151,13 +142,6 @@ def test_a_closed_journal_is_one_file_and_its_lock(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["journal.sqlite", "journal.sqlite.lock"]
 
 
-def test_closing_twice_does_nothing(tmp_path: Path) -> None:
-    journal = create(tmp_path)
-    journal.close()
-    journal.close()
-    assert Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT).close() is None
-
-
 def test_a_resumed_journal_knows_the_groups_that_are_finished(tmp_path: Path) -> None:
     path = written(tmp_path, groups=(0, 2))
     with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
@@ -228,12 +212,6 @@ def test_another_plan_is_refused_with_the_first_line_that_differs(tmp_path: Path
     path = written(tmp_path)
     with pytest.raises(FileError, match=r"another plan \(line \d+: found 'settle_s = 9', expected 'settle_s = 0.5'\)"):
         Journal.open(path, PLAN_TEXT.replace("settle_s = 0.5", "settle_s = 9"), RIG_TEXT)
-
-
-def test_another_rig_is_refused(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    with pytest.raises(FileError, match=r"another rig \(line .* found 'tension_n = 90', expected 'tension_n = 200'\)"):
-        Journal.open(path, PLAN_TEXT, RIG_TEXT.replace("tension_n = 200", "tension_n = 90"))
 
 
 def test_resuming_without_a_journal_is_refused(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from tests.unit.emulator_stand_in import StandIn
 
@@ -20,7 +19,6 @@ from sinew.hardware.registers import Register
 from sinew.hardware.rig import Reading
 from sinew.measure.errors import DeviceError, StartError
 from sinew.measure.events import Event, Pretensioned
-from sinew.measure.recording import read_registers
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 
@@ -102,6 +100,7 @@ def test_a_motor_that_keeps_a_goal_far_from_where_it_stands_gets_no_torque(tmp_p
     assert report.groups_done == 0
 
 
+@pytest.mark.slow
 def test_a_lever_that_stands_aside_comes_home_evenly_once_the_wiring_is_known(tmp_path: Path) -> None:
     bench = virtual_bench(SPEC)
     plant = bench.emulated.plant
@@ -201,10 +200,6 @@ def test_the_doctor_is_silent_on_the_goals_that_every_stop_leaves() -> None:
     assert [finding.found for finding in findings if finding.severity != "ok"] == []
 
 
-def test_each_register_that_a_run_depends_on_says_why() -> None:
-    assert [row.register for row in KNOWN_STATE if not row.why or (row.is_refused and not row.advice)] == []
-
-
 def test_a_motor_in_its_known_state_has_nothing_to_be_set() -> None:
     bench = still_bench()
     bench.rig.configure()
@@ -256,10 +251,6 @@ def test_a_register_that_changes_during_a_group_stops_the_run_and_the_group_does
     with JournalReader(path) as reader:
         assert (report.groups_done, reader.finished()) == (0, {})
     assert "position_p_gain of drive (id 5) reads 700, 800 when the run set it" in report.sentence
-
-
-def test_a_recording_without_registers_has_none() -> None:
-    assert read_registers(xr.Dataset()) == []
 
 
 def turning_bench(bias: float, swing: float) -> VirtualBench:

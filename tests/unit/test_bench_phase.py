@@ -10,7 +10,7 @@ from sinew.bench.guard import Guard
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
 from sinew.bench.tilt import TiltEstimator
-from sinew.measure.schema import SegmentKind
+from sinew.measure.recording import SegmentKind
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 

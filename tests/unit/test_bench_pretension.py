@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from campaigns.modes import MODES, Row, run_trial
+from tests.experiments.modes import MODES, Row, run_trial
 
 from sinew.bench.pretension import GOOD_ENOUGH_DEG, MOST_S, Contact, Held, MotorMap, level
 from sinew.bench.record.sample import MISSING
@@ -22,7 +22,7 @@ POSITION_MODES = tuple(mode for mode in MODES if mode != "current")
 
 @cache
 def trial(mode: TendonMode, seed: int = 0) -> list[Row]:
-    return run_trial(mode, seed, sweep=False)
+    return run_trial(mode, seed)
 
 
 @pytest.mark.slow

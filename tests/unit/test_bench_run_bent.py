@@ -4,14 +4,13 @@ from typing import NamedTuple
 
 import pytest
 import xarray as xr
-from campaigns.bent import BentRun, Row, off_by, run_bent, shortened, twin_of
+from tests.experiments.bent import BentRun, Row, off_by, run_bent, shortened, twin_of
 
 from sinew.measure.errors import SpecError
-from sinew.plan.plan import Plan
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Plan, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.preview import held_preview
+from sinew.predict.expected_response import held_preview
 
 RIG = load_rig("paper")
 PLAN = shortened(load_plan("bent"), (3.4, 4.2), 6.0)

@@ -4,9 +4,9 @@ import math
 
 import pytest
 from tests.unit.bench_virtual import VirtualBench, set_going, virtual_bench
+from tests.unit.emulator_stand_in import StandIn
 
-from sinew.bench.stops import STAND_S, stop
-from sinew.emulator.plant import Unloaded
+from sinew.bench.stops import FREEZE_MOST_S, STAND_S, freeze, stop
 from sinew.hardware.believable import STATE
 from sinew.hardware.codec import Decoder, Status, encode
 from sinew.hardware.registers import lay_out
@@ -19,7 +19,7 @@ MODES: tuple[TendonMode, ...] = ("position", "position-with-current-limit", "cur
 
 def powered(mode: TendonMode = "position") -> VirtualBench:
     """Return a bench under torque, its drive on the way to 30°, its tendon motors holding."""
-    bench = virtual_bench(SPEC, plant=Unloaded(SPEC.tendons.count, SPEC))
+    bench = virtual_bench(SPEC, plant=StandIn())
     set_going(bench.rig, bench.port, mode, cycles=20, drive_step=math.radians(1.5))
     return bench
 
@@ -101,6 +101,15 @@ def test_a_silent_motor_does_not_keep_the_others_from_their_safe_state() -> None
     ] * 4
 
 
+@pytest.mark.parametrize("silent", [*SPEC.wiring.tendon_ids, SPEC.wiring.drive_id])
+def test_a_silent_motor_does_not_keep_the_others_from_standing_at_once(silent: int) -> None:
+    bench = powered()
+    bench.emulated.line.devices = [device for device in bench.emulated.line.devices if device.id != silent]
+    frozen = freeze(bench.rig, bench.port)
+    assert frozen.names == {motor.name for motor in bench.rig.motors if motor.id != silent}
+    assert frozen.took_s < FREEZE_MOST_S
+
+
 def test_a_port_that_is_gone_is_said_and_the_watchdogs_stop_the_motors() -> None:
     bench = powered()
     bench.emulated.unplugged = True
@@ -112,7 +121,7 @@ def test_a_port_that_is_gone_is_said_and_the_watchdogs_stop_the_motors() -> None
 
 
 def test_a_bench_without_torque_is_released_at_once() -> None:
-    bench = virtual_bench(SPEC, plant=Unloaded(SPEC.tendons.count, SPEC))
+    bench = virtual_bench(SPEC, plant=StandIn())
     began = bench.port.now()
     report = stop(bench.rig, bench.port, "release")
     assert (report.is_safe, bench.port.now() - began < 0.5) == (True, True)

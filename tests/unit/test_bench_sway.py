@@ -7,14 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from campaigns.bent import run_bent, twin_of
+from tests.experiments.bent import run_bent, twin_of
 
 from sinew.analysis.analysed import analyse_recording
 from sinew.bench.group import Moving
-from sinew.plan.plan import Group, Plan, Pretension, Sweep
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Group, Plan, Pose, Pretension, Sweep
 from sinew.plan.toml import load_rig
-from sinew.predict.preview import held_preview
+from sinew.predict.expected_response import held_preview
 
 RIG = load_rig("paper")
 RADIUS = RIG.tendons.pulley_radius.value

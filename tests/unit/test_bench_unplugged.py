@@ -10,7 +10,7 @@ from sinew.bench.loop import WATCHDOG_S
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.bench import EmulatedRig
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 from sinew.twin.simulate import rest_tension
 

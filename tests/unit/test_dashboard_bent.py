@@ -15,9 +15,8 @@ from sinew.apps.dashboard.work.design import prediction_for_plan, preview_docume
 from sinew.apps.dashboard.work.samples import LiveChannels, drawn_rig
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
-from sinew.measure.events import Contact, Pulled
-from sinew.plan.plan import Plan
-from sinew.plan.pose import Pose
+from sinew.measure.events import Contact
+from sinew.plan.plan import Plan, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, load_plan
 from sinew.predict.joints.design import Design, design_rig
@@ -111,11 +110,6 @@ def test_the_plates_come_together_by_the_take_up_less_what_the_cables_stretch() 
     assert found[-1] == pytest.approx(6.0 - 1e3 * more_n / tendons.cable_stiffness.value, abs=1e-9)
 
 
-def test_without_a_contact_nobody_knows_how_near_the_plates_are() -> None:
-    found = traced(LiveChannels(AT_AXIS, BENT.rest_pose), rows_of(swinging(0.3, 0.0), 0.1))
-    assert np.isnan(found["shortening"]).all()
-
-
 def pulled(index: int, angle: float) -> Sample:
     one = cycle(100 + index / RATE_HZ, 3.0, 100.0, Node(), np.random.default_rng(0))
     return replace(one, tendon_rad=(angle, angle + 0.1, angle + 0.2, angle + 0.3))
@@ -131,14 +125,6 @@ def test_where_the_tendons_met_first_contact_last_is_read_from_the_journal(tmp_p
         news = JournalTail(tmp_path / "journal.sqlite", 100).look()
     assert news.contact is not None
     assert news.contact.tolist() == pytest.approx([1.5, 1.6, 1.7, 1.8])
-
-
-def test_a_journal_without_a_contact_says_none(tmp_path: Path) -> None:
-    with Journal.create(tmp_path / "journal.sqlite", dump_plan(BENT), RIG_TEXT) as journal:
-        journal.append(pulled(0, 0.5))
-        journal.event(Pulled.of())
-        journal.flush()
-        assert JournalTail(tmp_path / "journal.sqlite", 100).look().contact is None
 
 
 # What is said of a bent plan before it runs.

@@ -1,15 +1,15 @@
 """What links in the folder of runs lead to: nothing, neither for a list nor for a result nor for a download."""
 
-import os
 import threading
 from pathlib import Path
 
 import pytest
 
-from sinew.apps.dashboard.operators import is_run_name, open_inside, unlinked
-from sinew.apps.dashboard.run_desk import PID, find_runs, told_at_end
+from sinew.apps.bench.run_control import CONTROL
+from sinew.apps.dashboard.folders import is_run_name, open_inside, unlinked
+from sinew.apps.dashboard.run_desk import running_elsewhere, told_at_end
 from sinew.apps.dashboard.work.results import FILES, download, measured_so_far, run_results
-from sinew.apps.dashboard.work.runs import list_runs, read_shelf, shelf
+from sinew.apps.dashboard.work.runs import look_at_runs, read_shelf, shelf
 from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
@@ -52,14 +52,14 @@ def test_no_result_follows_a_link(runs: Path, secret: Path, what: object) -> Non
 
 def test_a_folder_that_is_a_link_is_no_run(runs: Path, secret: Path) -> None:
     (runs / "elsewhere").symlink_to(secret)
-    assert list_runs(runs) == []
+    assert look_at_runs(runs)["runs"] == []
     with pytest.raises(FileError, match="is a link"):
         unlinked(runs / "elsewhere")
 
 
 def test_a_run_with_a_link_is_listed_as_damaged_and_unread(runs: Path, secret: Path) -> None:
     (runs / "planted" / "journal.sqlite").symlink_to(secret / "journal.sqlite")
-    (row,) = list_runs(runs)
+    (row,) = look_at_runs(runs)["runs"]
     assert (row["state"], row["plan"]) == ("damaged", None)
     assert "is a link" in row["sentence"]
 
@@ -79,10 +79,10 @@ def test_a_rig_of_the_lab_is_on_the_shelf(runs: Path, secret: Path) -> None:
 
 
 def test_a_run_with_a_link_is_not_taken_for_one_under_way(runs: Path, secret: Path) -> None:
-    (runs / "planted" / PID).write_text("1 1\n")
+    (runs / "planted" / CONTROL).write_text("somewhere")
     (runs / "planted" / "plan.toml").symlink_to(secret / "recording.nc")
     asked: list[object] = []
-    assert list(find_runs(runs, lambda *given, **_: asked.append(given) or {})) == []
+    assert running_elsewhere(runs, lambda *given, **_: asked.append(given) or {}) is None
     assert asked == []
 
 
@@ -99,12 +99,6 @@ def test_a_file_is_opened_through_no_link(runs: Path, secret: Path, path: str) -
     (runs / "planted" / "link").symlink_to(secret / "recording.nc")
     with pytest.raises(FileError):
         open_inside(runs, runs / path)
-
-
-def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(runs: Path) -> None:
-    os.mkfifo(runs / "planted" / "recording.nc")
-    with pytest.raises(FileError, match="is no file"):
-        open_inside(runs, runs / "planted" / "recording.nc")
 
 
 def test_a_file_that_is_exchanged_for_a_link_while_it_is_opened_leaks_nothing(runs: Path, secret: Path) -> None:
@@ -136,4 +130,4 @@ def test_a_run_is_not_called_like_a_shelf(name: str, runs: Path) -> None:
     assert not is_run_name(name)
     (runs / name).mkdir()
     (runs / name / "recording.nc").write_text("x")
-    assert list_runs(runs) == []
+    assert look_at_runs(runs)["runs"] == []

@@ -12,25 +12,18 @@ import pytest
 from tests.patience import Patience
 from tests.unit.bench_journal import RIG_TEXT
 
-from sinew.analysis.run_index import parse_query
+from sinew.analysis.runs import parse_search
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
-from sinew.apps.dashboard.pages.frame import _HELP, quantity
-from sinew.apps.dashboard.pages.live import _coming, _nothing
-from sinew.apps.dashboard.pages.plan import _texts, timeline_html
+from sinew.apps.dashboard.pages.frame import part, quantity
+from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks, trend_options
 from sinew.apps.dashboard.worker import TooSlowError
-from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 
 LINE = Curve("line", [1, 2, 3], [1.0, 2.0, 3.0], is_line=True)
 POINTS = Curve("points", [1, 2], [1.0, 2.0], [0.5, None], [1.5, None])
-
-
-@pytest.mark.parametrize(("rig", "told"), [({"rig": "mine.toml"}, "mine.toml"), ({}, None)])
-def test_drafts_of_a_browser_that_kept_no_rig_yet_are_not_lost(rig: dict[str, str], told: str | None) -> None:
-    assert _texts({"plan": "first", "drafts": {"first": "text"}, **rig}) == ({"first": "text"}, "first", told)
 
 
 def drawn(*curves: Curve, **more: Any) -> dict[str, Any]:
@@ -71,25 +64,6 @@ def test_one_pretension_has_one_colour_however_it_is_shown() -> None:
     styles = [series["itemStyle"] for series in drawn(*curves)["series"] if "itemStyle" in series]
     colours = {style.get("borderColor", style["color"]) for style in styles}
     assert len(colours) == 1
-
-
-def test_no_two_of_forty_two_curves_have_the_same_dash_and_marker() -> None:
-    assert len({(str(dash), marker) for _, dash, marker in map(style_of, range(42))}) == 42
-
-
-def test_of_six_curves_dash_alone_and_marker_alone_tell() -> None:
-    _, dashes, markers = zip(*map(style_of, range(6)), strict=True)
-    assert (len(set(map(str, dashes))), len(set(markers))) == (6, 6)
-
-
-def test_a_line_has_a_marker_in_the_legend_only_where_it_has_some_on_it() -> None:
-    points = Curve("measured", [1], [1], [1], [1])
-    few, many = (
-        drawn(*(Curve(f"p{i}", [1], [1], is_line=True) for i in range(count)), points)["legend"]["data"]
-        for count in (5, 7)
-    )
-    assert [one["itemStyle"] for one in few] == [{"opacity": 0}] * 5 + [{}]
-    assert [one["itemStyle"] for one in many] == [{}] * 8
 
 
 MISSED = Verdict(2.0, 1.8, 2.2, 0.5, 0.25, misses=True, sentence="+25 %, 2.0 of its uncertainty")
@@ -138,20 +112,6 @@ def test_a_long_line_has_few_rows_with_both_its_ends() -> None:
     assert "<td>499</td>" in table
 
 
-def test_a_wanted_frequency_is_marked() -> None:
-    mark = drawn(LINE, marked=2.5)["series"][-1]["markLine"]
-    assert mark["data"] == [{"xAxis": 2.5}]
-
-
-def test_an_empty_chart_says_so() -> None:
-    assert drawn()["graphic"][0]["style"]["text"] == "nothing to show yet"
-
-
-def test_a_line_fills_its_axis_and_points_keep_off_the_frame() -> None:
-    assert drawn(LINE)["xAxis"]["min"] == "dataMin"
-    assert ":min" in drawn(LINE, POINTS)["xAxis"]
-
-
 @pytest.mark.parametrize(
     ("estimate", "unit", "said"),
     [
@@ -179,9 +139,6 @@ class FakeWork:
         self.asked: list[tuple[str, Any]] = []
         self.can_have_bands = can_have_bands
         self.pending = [1, 0]
-
-    def warm_up(self) -> None:
-        pass
 
     async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
         self.asked.append((name, arguments[-1]))
@@ -268,30 +225,6 @@ def test_a_prediction_is_kept_when_its_run_gets_its_journal(tmp_path: Path) -> N
     assert [name for name, _ in work.asked].count("prediction_for_plan") == 1
 
 
-def test_how_many_groups_are_recorded_is_told_until_a_point_comes() -> None:
-    results = results_with(FakeWork())
-    assert results.hub.live is not None
-    told = []
-    for results.hub.live.groups_done in range(3):
-        told.append(_coming(results))
-    assert [one.partition(" recorded")[0] for one in told] == ["", "1 group is", "2 groups are"]
-    results.measured = [{"pretension_mm": 2.0}]
-    assert _coming(results) == ""
-
-
-def test_a_server_that_began_anew_does_not_say_that_nothing_ever_ran(tmp_path: Path) -> None:
-    assert _nothing(tmp_path) == "Nothing has run yet."
-    (tmp_path / "before").mkdir()
-    (tmp_path / "before" / "journal.sqlite").touch()
-    assert _nothing(tmp_path).startswith("Nothing has run since this page's server began; the page Runs has")
-
-
-def test_measured_points_are_judged_once_there_is_a_prediction() -> None:
-    results = results_with(FakeWork())
-    asyncio.run(followed(results, lambda: results.measured and "Band" in results.remark))
-    assert results.measured[0]["gain_verdict"][0].low == 0.9
-
-
 def test_a_rig_without_intervals_has_no_band_and_the_page_says_why() -> None:
     work = FakeWork(can_have_bands=False)
     results = results_with(work)
@@ -328,23 +261,6 @@ def test_a_group_that_is_recorded_while_others_are_analysed_is_analysed_too() ->
     assert times_asked() == 2
 
 
-def test_a_curve_has_the_number_of_its_pretension_in_the_plan() -> None:
-    results = results_with(FakeWork())
-    asyncio.run(followed(results, lambda: results.predicted and results.measured))
-    assert [curve["number"] for curve in (*results.predicted, *results.measured)] == [2, 2]
-
-
-def test_what_cannot_be_computed_is_kept_as_a_sentence() -> None:
-    class Broken(FakeWork):
-        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
-            raise SpecError("no such thing")
-
-    results = results_with(Broken())
-    asyncio.run(followed(results, lambda: results.trouble))
-    assert "no such thing" in results.trouble
-    assert json.dumps(results.measured) == "[]"
-
-
 def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> None:
     class Busy(FakeWork):
         is_busy = True
@@ -368,10 +284,10 @@ def test_a_computer_that_is_too_busy_is_said_to_be_until_it_comes_to_it() -> Non
 
 
 def test_every_search_that_help_shows_is_understood() -> None:
-    section = _HELP.split("Search of Runs")[1].split("</dl>")[0]
+    section = part("frame", "help").split("Search of Runs")[1].split("</dl>")[0]
     for shown in re.findall("<dt>(.*?)</dt>", section):
-        query = parse_query(unescape(shown).replace(",", ""))
-        assert query.runs or query.found
+        query = parse_search(unescape(shown).replace(",", ""))
+        assert query.words or query.ranges
 
 
 def test_what_a_file_says_in_place_of_a_number_does_not_get_into_a_chart() -> None:

@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.unit.dashboard_journal import run_folder
 
 from sinew.apps.dashboard.work import samples
-from sinew.apps.dashboard.work.results import recording_of
 from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.record.sample import Sample
-from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
@@ -66,15 +63,6 @@ def test_a_single_odd_sample_is_seen_at_every_width(folder: Path, level: int) ->
     assert 0 <= at - found["time"][highest] < 2**level / samples.FINEST_HZ + 1e-4
 
 
-@pytest.mark.parametrize("level", [3, 8, 11])
-def test_a_swing_keeps_its_ends_in_every_bin_that_holds_a_period(folder: Path, level: int) -> None:
-    found = piece(folder, level, 0)
-    inside = slice(1, -1)
-    if 2**level / samples.FINEST_HZ > 1 / SWING_HZ:
-        assert np.allclose(found["low"][DRIVE][inside], -20.0, atol=0.1)
-    assert found["low"][DRIVE].min() == pytest.approx(-20.0, abs=0.01)
-
-
 def test_pieces_hold_every_sample_once(folder: Path) -> None:
     times = np.concatenate([piece(folder, 2, number)["time"] for number in range(40)])
     assert np.allclose(times, np.arange(times.size) / RATE_HZ, atol=1e-4)
@@ -112,31 +100,10 @@ def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) ->
     assert np.isnan(found["low"][DRIVE]).sum() == 1  # where the line is broken
 
 
-def test_a_recording_shows_what_its_journal_shows(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run", groups=[0, 1])
-    of_journal = piece(folder, 5, 0)
-    recording_of(folder)
-    (folder / "journal.sqlite").unlink()
-    of_recording = piece(folder, 5, 0)
-    assert of_recording["time"].max() == pytest.approx(of_journal["time"].max(), abs=0.1)
-    highest = [np.nanmax(found["high"], axis=1) for found in (of_recording, of_journal)]
-    assert highest[0][[DRIVE, 4]] == pytest.approx(highest[1][[DRIVE, 4]], abs=0.1)
-    assert highest[0][TORSION] == pytest.approx(
-        highest[1][TORSION], rel=0.03
-    )  # it begins at another moment of the swing
-
-
 def test_a_run_says_where_its_segments_begin(folder: Path) -> None:
     about = json.loads(samples.samples_about(str(folder)))
     assert about["segments"] == [{"label": "steady, 4 mm, 3 Hz", "from_s": 0.0}]
     assert about["end_s"] == pytest.approx((COUNT - 1) / RATE_HZ)
-    assert "torsion" in about["known"]
-
-
-def test_a_run_that_has_no_sample_yet_is_one_of_no_length(tmp_path: Path) -> None:
-    with Journal.create(tmp_path / "journal.sqlite", dump_plan(load_plan("short")), dump_rig(load_rig("paper"))):
-        about = json.loads(samples.samples_about(str(tmp_path)))
-    assert (about["end_s"], about["segments"]) == (0.0, [])
 
 
 def test_a_spectrum_finds_a_swing_at_its_frequency(folder: Path) -> None:
@@ -145,8 +112,3 @@ def test_a_spectrum_finds_a_swing_at_its_frequency(folder: Path) -> None:
     at = int(np.argmax(amplitude))
     assert found["frequency_hz"][at] == pytest.approx(SWING_HZ, abs=found["resolution_hz"])
     assert amplitude[at] == pytest.approx(20.0, rel=0.02)
-
-
-def test_a_folder_without_samples_is_said(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="holds no run"):
-        samples.samples_about(str(tmp_path))

@@ -41,12 +41,6 @@ def told(frame: bytes | None) -> dict[str, Any]:
     return dict(json.loads(frame))
 
 
-def test_the_first_frame_says_which_traces_there_are() -> None:
-    frame = told(frame_of(live(400), View()))
-    assert frame["reset"]
-    assert [trace["key"] for trace in frame["traces"]] == ["drive_command", "drive", "torsion"]
-
-
 def test_the_first_frame_holds_no_more_of_the_past_than_the_screen() -> None:
     frame = told(frame_of(live(4000), View(base_s=2.0, pixels=4000)))
     assert frame["time"][-1] - frame["time"][0] == pytest.approx(2.0, abs=2 / RATE)
@@ -61,12 +55,6 @@ def test_a_second_frame_holds_only_what_is_new() -> None:
     assert (frame["reset"], frame["time"], frame["now"]) == (False, [2.0], [1.0, 2.0, 3.0])
 
 
-def test_without_news_there_is_no_frame() -> None:
-    run, view = live(400), View()
-    frame_of(run, view)
-    assert frame_of(run, view) is None
-
-
 def test_samples_that_are_not_played_yet_wait() -> None:
     run = live(400)
     run.played = 100
@@ -77,25 +65,6 @@ def test_a_frame_has_no_more_columns_than_the_screen() -> None:
     frame = told(frame_of(live(4000), View(base_s=20.0, pixels=100)))
     assert len(frame["time"]) <= 101
     assert len(frame["high"][0]) == len(frame["time"])
-
-
-def test_the_figure_of_a_page_that_was_loaded_anew_is_of_every_newest_sample() -> None:
-    drive, torsion = told(frame_of(live(4000), View(base_s=20.0, pixels=100)))["points"]
-    newest = np.arange(3600, 4000) / RATE
-    for shown, phase in ((drive, 1), (torsion, 2)):
-        assert shown == pytest.approx(np.sin(2 * np.pi * 3 * newest + phase), abs=0.01)
-
-
-def test_a_viewer_that_fell_behind_gets_one_frame_for_all_it_missed() -> None:
-    run, view = live(400), View(base_s=5.0, pixels=50)
-    frame_of(run, view)
-    time = 2.0 + np.arange(3000) / RATE
-    run.ring.put(np.vstack([time, np.ones((3, time.size))]))
-    run.played += time.size
-    frame = told(frame_of(run, view))
-    assert frame["time"][-1] == pytest.approx(time[-1], abs=0.11)
-    assert len(frame["time"]) <= time.size / (RATE * 5.0 / 50) + 2
-    assert frame_of(run, view) is None
 
 
 def test_another_run_begins_anew() -> None:
@@ -173,20 +142,6 @@ def test_samples_of_a_run_reach_the_ring(runs: Path) -> None:
         assert hub.live.ring.count == 150
 
 
-def test_what_came_in_one_go_is_played_little_by_little(runs: Path) -> None:
-    with journal_of(runs) as journal:
-        put(journal, range(200))
-        hub = hub_at(runs)
-        played = []
-        for _ in range(40):
-            asyncio.run(hub.tick(0.04))
-            assert hub.live is not None
-            played.append(hub.live.played)
-    assert 0 < played[0] < 100
-    assert played == sorted(played)
-    assert played[-1] == 200
-
-
 class Sink:
     """A socket that takes all it is sent, and says nothing."""
 
@@ -258,19 +213,6 @@ def test_a_new_run_is_followed_instead(runs: Path) -> None:
     assert (hub.live.name, hub.live.epoch, hub.live.ring.count) == ("two", 2, 1)
 
 
-def test_a_folder_without_a_journal_is_waited_for(runs: Path) -> None:
-    hub = hub_at(runs)
-    asyncio.run(hub.tick(0.04))
-    assert hub.live is None
-
-
-def test_a_file_that_is_no_journal_is_said(runs: Path) -> None:
-    (runs / "one" / "journal.sqlite").write_bytes(b"nothing of the kind" * 100)
-    hub = hub_at(runs)
-    asyncio.run(hub.tick(0.04))
-    assert "not a journal" in hub.trouble
-
-
 def rows_of(samples: list[Sample]) -> dict[str, np.ndarray]:
     rows = {
         name: [getattr(s, name) for s in samples]
@@ -300,14 +242,6 @@ def test_a_gap_leaves_the_torsion_where_it_was() -> None:
     samples = [sample(i) for i in range(50)] + [sample(i, rate=MISSING) for i in range(50, 60)]
     torsion = channels.take(rows_of(samples))[2]
     assert np.all(torsion[50:] == torsion[49])
-
-
-def test_tensions_are_currents_in_newtons() -> None:
-    channels = LiveChannels(load_rig("paper"))
-    rig = load_rig("paper")
-    traces = channels.take(rows_of([sample(0)]))
-    expected = 0.1 * rig.tendons.torque_constant.value / rig.tendons.pulley_radius.value
-    assert channels.tensions(traces) == pytest.approx([expected] * 4)
 
 
 # What alarms are about.
@@ -348,13 +282,6 @@ def test_the_hottest_motor_and_the_cycles_missed_within_a_minute_are_read() -> N
     assert readings.document()["missed"] == (0.0, "within a minute")
 
 
-def test_a_run_that_begins_anew_counts_its_missed_cycles_anew() -> None:
-    readings = Readings()
-    for now, missed in ((0.0, 40), (1.0, 0), (2.0, 3)):
-        readings.take_health(now, replace(HEALTH, missed=missed))
-    assert readings.document()["missed"][0] == 3.0
-
-
 def test_nothing_that_was_there_before_is_alarming(runs: Path) -> None:
     with journal_of(runs) as journal:
         journal.append(sample(0))
@@ -382,18 +309,6 @@ def test_cycles_missed_before_the_last_minute_are_not_counted_when_a_run_is_foun
     asyncio.run(hub.tick(0.04))
     assert hub.live is not None
     assert hub.live.readings.document()["missed"][0] == 0.0
-
-
-def test_a_run_that_was_put_into_the_bin_is_followed_no_longer(runs: Path) -> None:
-    with journal_of(runs) as journal:
-        journal.append(sample(0))
-        journal.flush()
-    hub = hub_at(runs)
-    asyncio.run(hub.tick(0.04))
-    assert hub.live is not None
-    hub.steward = {"run": None, "last": None}
-    asyncio.run(hub.tick(0.04))
-    assert hub.live is None
 
 
 def test_alarms_begin_at_nine_tenths_of_what_the_rig_allows() -> None:

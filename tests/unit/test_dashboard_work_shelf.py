@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sinew.apps.dashboard.operators import RefusedError
-from sinew.apps.dashboard.work.runs import put_on_shelf, read_shelf, shelf, take_off_shelf
+from sinew.apps.dashboard.folders import RefusedError
+from sinew.apps.dashboard.work.runs import put_on_shelf, read_shelf, shelf
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import list_shipped, read_spec
 
@@ -54,35 +54,12 @@ def test_another_of_that_name_is_replaced_only_on_purpose(tmp_path: Path) -> Non
     assert [path.read_text() for path in (tmp_path / "rigs").iterdir()] == ["new"]
 
 
-def test_a_full_shelf_takes_a_replacement_and_is_not_taken_for_a_name_that_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sinew.apps.dashboard.work.runs._MOST_KEPT", 1)
-    put_on_shelf(tmp_path, "rigs", "mine", "old")
-    with pytest.raises(RefusedError) as there:
-        put_on_shelf(tmp_path, "rigs", "mine", "new")
-    with pytest.raises(RefusedError, match="holds 1 files") as full:
-        put_on_shelf(tmp_path, "rigs", "other", "new")
-    assert (there.value.more, full.value.more) == ({"exists": True}, {})
-    put_on_shelf(tmp_path, "rigs", "mine", "new", replace=True)
-    assert read_shelf("rigs", "mine.toml", tmp_path) == "new"
-
-
-def test_what_is_taken_off_the_shelf_is_gone(tmp_path: Path) -> None:
-    put_on_shelf(tmp_path, "plans", "mine", "x")
-    take_off_shelf(tmp_path, "plans", "mine")
-    assert list((tmp_path / "plans").iterdir()) == []
-    with pytest.raises(RefusedError, match=r"no mine\.toml among"):
-        take_off_shelf(tmp_path, "plans", "mine")
-
-
 @pytest.mark.parametrize("name", ["../secret", "a/b", ".hidden", "", "x" * 90, "ä"])
-def test_nothing_is_written_or_deleted_beside_the_shelf(name: str, tmp_path: Path) -> None:
+def test_nothing_is_written_beside_the_shelf(name: str, tmp_path: Path) -> None:
     (tmp_path / "plans").mkdir()
     (tmp_path / "secret.toml").write_text("kept")
-    for act in (lambda: put_on_shelf(tmp_path, "plans", name, "x"), lambda: take_off_shelf(tmp_path, "plans", name)):
-        with pytest.raises(RefusedError, match="for a name"):
-            act()
+    with pytest.raises(RefusedError, match="for a name"):
+        put_on_shelf(tmp_path, "plans", name, "x")
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["plans", "secret.toml"]
 
 

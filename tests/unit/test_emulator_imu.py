@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.device import ImuNode
 from sinew.emulator.plant import Mechanics
-from sinew.hardware import codec as ask
-from sinew.hardware.codec import Instruction, Status
 from sinew.hardware.registers import OPENCR_NODE, decode
 from sinew.plan.rig import Imu
 
@@ -114,13 +112,6 @@ def test_a_reading_appears_after_the_chips_residual_delay() -> None:
     assert (early, gyro(node)[0]) == (0.0, pytest.approx(1.0, abs=GYRO_LSB))
 
 
-def test_sample_time_is_when_the_reading_appeared() -> None:
-    node = Node(chip(residual_delay=1e-3), ppm=0.0)
-    due = node.imu.due
-    node.run(due + 3e-3)
-    assert node.get("sample_time")[0] == pytest.approx(node.imu.clock(due + 1e-3), abs=2e-6)
-
-
 def test_clock_less_sample_time_is_the_age_of_the_sample() -> None:
     node = Node(chip(residual_delay=1e-3), ppm=0.0)
     due = node.imu.due
@@ -192,41 +183,3 @@ def test_a_frozen_sensor_stands_still_while_its_clock_goes_on() -> None:
     node.run(2.0)
     assert node.get("gyro_x", "sample_time") == before
     assert node.imu.clock(2.0) > node.imu.clock(1.0)
-
-
-def test_a_sensor_thawed_goes_on_sampling() -> None:
-    node = Node(chip())
-    node.imu.frozen = True
-    node.run(1.0)
-    node.imu.frozen = False
-    node.plant.gyro = (1.0, 0.0, 0.0)
-    node.run(1.1)
-    assert gyro(node)[0] == pytest.approx(1.0, abs=GYRO_LSB)
-
-
-def test_one_seed_gives_the_same_samples() -> None:
-    readings = []
-    for _ in range(2):
-        node = Node(chip(gyro_noise=0.05), seed=7)
-        node.run(1.0)
-        readings.append((gyro(node), node.get("sample_time")))
-    assert readings[0] == readings[1]
-
-
-def test_the_sensor_answers_a_ping_with_its_model_and_that_it_is_emulated() -> None:
-    assert Node(chip()).imu.obey(ask.ping(200), 0.0) == Status(200, 0, b"\x00\x74\xee")
-
-
-def test_the_sensors_control_register_can_be_written() -> None:
-    imu = Node(chip()).imu
-    assert imu.obey(ask.write(200, 50, b"\x08"), 0.0) == Status(200)
-    assert imu.registers["imu_control"] == 8
-
-
-def test_the_sensors_readings_cannot_be_written() -> None:
-    assert Node(chip()).imu.obey(ask.write(200, 32, b"\x08\x00"), 0.0) == Status(200, 7)
-
-
-@pytest.mark.parametrize("code", [ask.CLEAR, 0x20, 0xEE])
-def test_the_sensor_knows_no_instruction_that_only_motors_have(code: int) -> None:
-    assert Node(chip()).imu.obey(Instruction(200, code, b"\x32\x00\x01"), 0.0) == Status(200, 2)

@@ -1,12 +1,50 @@
-"""An emulated motor on the line: torque, and what its registers tell of position and motion, by the manual."""
+"""An emulated motor: its goals, modes, profile, protection, restart and watchdog."""
 
 import math
 
 import pytest
-from tests.unit.emulator_motor_bench import COUNT, EXTENDED, VELOCITY, M, law, running
-from tests.unit.emulator_stand_in import Bench, paper_rig
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.unit.emulator_stand_in import Bench, StandIn, paper_rig
 
-from sinew.emulator.plant import Law
+from sinew.emulator.motor import Motor
+from sinew.emulator.plant import Horn, Law, Mechanics
+from sinew.hardware import codec as ask
+from sinew.hardware.bus import Outcome
+from sinew.hardware.codec import Instruction, Status
+from sinew.hardware.registers import XH430_W350
+
+# One emulated motor on the line with its torque on, and the manual's numbers for it.
+
+
+M = 1  # the motor's id
+FAIL, UNKNOWN, RANGE, LENGTH, LIMIT, ACCESS = 1, 2, 4, 5, 6, 7
+CURRENT, VELOCITY, POSITION, EXTENDED, LIMITED, PWM = 0, 1, 3, 4, 5, 16
+VOLTAGE, HOT, SHOCK, OVERLOAD = 0x01, 0x04, 0x10, 0x20
+COUNT = math.tau / 4096  # rad
+
+
+def running(mode: int = EXTENDED, **rig: object) -> Bench:
+    """Return a bench whose first motor has its torque on."""
+    bench = Bench(**rig)  # type: ignore[arg-type]
+    bench.put(M, "operating_mode", mode)
+    if mode == CURRENT:
+        bench.put(M, "goal_current", 0)
+    bench.put(M, "torque_enable", 1)
+    return bench
+
+
+def law(bench: Bench, device: int = M) -> Law:
+    """Return the law that a motor has given to its horn."""
+    return bench.plant.laws[device - 1]
+
+
+def say(bench: Bench, code: int, params: bytes = b"", device: int = M) -> Status | None:
+    """Give the motor itself an instruction."""
+    return bench.rig.motors[M].obey(Instruction(device, code, params), bench.rig.time)
+
+
+# An emulated motor on the line: torque, and what its registers tell of position and motion, by the manual.
 
 
 def test_torque_on_makes_the_present_position_the_goal() -> None:
@@ -19,36 +57,10 @@ def test_torque_on_makes_the_present_position_the_goal() -> None:
     assert law(bench).goal == pytest.approx(1000 * COUNT)
 
 
-def test_torque_on_twice_does_not_touch_the_goal() -> None:
-    bench = running()
-    bench.put(M, "goal_position", 9000)
-    bench.put(M, "torque_enable", 1)
-    assert bench.get(M, "goal_position") == 9000
-
-
-def test_torque_off_lets_the_horn_go() -> None:
-    bench = running()
-    bench.put(M, "torque_enable", 0)
-    assert law(bench) == Law()
-
-
 def test_position_mode_tells_a_position_within_one_turn_while_free() -> None:
     bench = Bench()
     bench.plant.angles[0] = 3 * math.tau + 100 * COUNT
     assert bench.get(M, "present_position") == 2148
-
-
-def test_extended_position_counts_the_turns() -> None:
-    bench = Bench()
-    bench.put(M, "operating_mode", EXTENDED)
-    bench.plant.angles[0] = 3 * math.tau + 100 * COUNT
-    assert bench.get(M, "present_position") == 2148 + 3 * 4096
-
-
-def test_the_homing_offset_is_added_to_the_present_position() -> None:
-    bench = Bench()
-    bench.put(M, "homing_offset", -500)
-    assert bench.get(M, "present_position") == 1548
 
 
 def test_a_goal_is_understood_with_the_homing_offset() -> None:
@@ -73,15 +85,483 @@ def test_present_registers_tell_the_motion_in_counts() -> None:
     assert [bench.get(M, name) for name in names] == [1948, -100, -442, 133, 25]
 
 
-def test_present_velocity_counts_0_229_rpm() -> None:
-    bench = running(VELOCITY)
-    bench.put(M, "goal_velocity", -123)
-    bench.wait(0.01)
-    assert bench.get(M, "present_velocity") == -123
-
-
 def test_realtime_tick_counts_milliseconds_and_wraps_at_32768() -> None:
     bench = Bench()
     before, then = bench.get(M, "realtime_tick"), bench.port.now()
     bench.port.wait_until(then + 32.768 + 0.1)
     assert abs(bench.get(M, "realtime_tick") - before - 100) <= 2
+
+
+# Operating modes of an emulated motor: what each resets, and what law it makes of the registers.
+
+
+TENDON, DRIVE = 1, 5
+MODES = (CURRENT, VELOCITY, POSITION, EXTENDED, LIMITED, PWM)
+TURN = math.tau
+
+
+def bench_in(mode: int, device: int = TENDON, *, torque: bool = True) -> Bench:
+    bench = Bench()
+    assert bench.put(device, "operating_mode", mode) == 0
+    if mode == CURRENT:
+        bench.put(device, "goal_current", 0)
+    if torque:
+        assert bench.put(device, "torque_enable", 1) == 0
+    return bench
+
+
+OWN_GAINS = {"position_p_gain": 900, "position_d_gain": 0, "velocity_p_gain": 100, "velocity_i_gain": 1920}
+PROFILE = ("profile_velocity", "profile_acceleration")
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    ("written", "after"),
+    [
+        (dict.fromkeys(OWN_GAINS, 123), OWN_GAINS),
+        (dict.fromkeys(PROFILE, 5), dict.fromkeys(PROFILE, 0)),
+        ({"current_limit": 300, "pwm_limit": 400}, {"goal_current": 300, "goal_pwm": 400}),
+    ],
+    ids=["the gains of the model", "no profile", "goals at their limits"],
+)
+def test_a_new_mode_puts_gains_profile_and_goals_back(
+    written: dict[str, int], after: dict[str, int], mode: int
+) -> None:
+    bench = bench_in(CURRENT, torque=False)
+    for name, count in written.items():
+        bench.put(TENDON, name, count)
+    bench.put(TENDON, "operating_mode", mode)
+    assert {name: bench.get(TENDON, name) for name in after} == after
+
+
+@pytest.mark.parametrize("mode", [POSITION, EXTENDED, LIMITED])
+def test_a_goal_position_is_an_angle_from_where_it_began(mode: int) -> None:
+    bench = bench_in(mode)
+    assert bench.put(TENDON, "goal_position", 2048 + 1024) == 0
+    found = law(bench)
+    assert (found.kind, found.goal) == ("position", pytest.approx(TURN / 4))
+
+
+@pytest.mark.parametrize("mode", [EXTENDED, LIMITED])
+def test_the_multi_turn_modes_go_beyond_a_turn(mode: int) -> None:
+    bench = bench_in(mode)
+    assert bench.put(TENDON, "goal_position", 2048 - 3 * 4096) == 0
+    assert law(bench).goal == pytest.approx(-3 * TURN)
+
+
+def test_position_mode_refuses_a_goal_outside_its_window() -> None:
+    bench = bench_in(POSITION, torque=False)
+    bench.put(TENDON, "max_position_limit", 3000)
+    bench.put(TENDON, "min_position_limit", 1000)
+    bench.put(TENDON, "torque_enable", 1)
+    assert [bench.put(TENDON, "goal_position", goal) for goal in (999, 1000, 3000, 3001)] == [LIMIT, 0, 0, LIMIT]
+
+
+@pytest.mark.parametrize("mode", [POSITION, EXTENDED, LIMITED])
+def test_goal_pwm_limits_the_duty_of_a_position(mode: int) -> None:
+    bench = bench_in(mode)
+    bench.put(TENDON, "goal_pwm", 177)
+    assert law(bench).duty_limit == pytest.approx(0.2)
+
+
+def test_goal_current_limits_the_current_based_mode_only() -> None:
+    limits = []
+    for mode in (POSITION, EXTENDED, LIMITED):
+        bench = bench_in(mode)
+        bench.put(TENDON, "goal_current", 100)
+        limits.append(law(bench).current_limit)
+    assert limits == [math.inf, math.inf, pytest.approx(0.269)]
+
+
+def test_current_mode_keeps_a_current_of_2_69_milliampere_a_count() -> None:
+    bench = bench_in(CURRENT)
+    bench.put(TENDON, "goal_current", -200)
+    found = law(bench)
+    assert (found.kind, found.goal) == ("current", pytest.approx(-0.538))
+
+
+def test_velocity_mode_keeps_a_speed_of_0_229_rpm_a_count() -> None:
+    bench = bench_in(VELOCITY)
+    bench.put(TENDON, "goal_velocity", 100)
+    found = law(bench)
+    assert (found.kind, found.goal) == ("velocity", pytest.approx(22.9 / 60 * TURN))
+
+
+def test_pwm_mode_gives_the_duty() -> None:
+    bench = bench_in(PWM)
+    bench.put(TENDON, "goal_pwm", -885)
+    found = law(bench)
+    assert (found.kind, found.goal) == ("pwm", -1.0)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_no_mode_controls_anything_while_the_torque_is_off(mode: int) -> None:
+    bench = bench_in(mode, torque=False)
+    for goal in ("goal_pwm", "goal_current", "goal_velocity", "goal_position"):
+        bench.put(TENDON, goal, 50)
+    assert law(bench) == Law()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_motor_mounted_the_other_way_round_gets_the_opposite_of_every_goal(mode: int) -> None:
+    goals = []
+    for sign in (1, -1):
+        bench = Bench(paper_rig(tendon_pull=(sign, 1, 1, 1)))
+        bench.put(TENDON, "operating_mode", mode)
+        bench.put(TENDON, "torque_enable", 1)
+        for name, count in (("goal_pwm", 90), ("goal_current", 80), ("goal_velocity", 70), ("goal_position", 2500)):
+            bench.put(TENDON, name, count)
+        goals.append(law(bench).goal)
+    assert goals[0] == pytest.approx(-goals[1])
+    assert goals[0] > 0
+
+
+def test_reverse_mode_inverts_positions() -> None:
+    bench = bench_in(EXTENDED, torque=False)
+    before = bench.get(TENDON, "present_position")
+    bench.put(TENDON, "drive_mode", 1)
+    bench.put(TENDON, "torque_enable", 1)
+    start = bench.get(TENDON, "present_position")
+    bench.put(TENDON, "goal_position", start + 1024)
+    assert law(bench).goal == pytest.approx(-TURN / 4)
+    assert start % 4096 == -before % 4096
+
+
+def test_torque_on_by_goal_starts_with_the_goal() -> None:
+    bench = bench_in(EXTENDED, torque=False)
+    bench.put(TENDON, "drive_mode", 8)
+    bench.put(TENDON, "goal_position", 3072)
+    assert law(bench).goal == pytest.approx(TURN / 4)
+    assert bench.get(TENDON, "torque_enable") == 1
+
+
+# An emulated motor on its way to a goal: profiles by velocity, by acceleration and by time, by the manual.
+
+
+def test_a_trapezoidal_profile_keeps_its_acceleration_and_speed() -> None:
+    bench = running()
+    bench.put(M, "profile_velocity", 100)
+    bench.put(M, "profile_acceleration", 10)  # ramp of 64 · 100 / 10 ms, by the manual
+    bench.put(M, "goal_position", 2048 + 4096)
+    start = bench.port.now()
+    while bench.get(M, "moving_status") & 0x02:
+        bench.wait(0.01)
+    ramp = 64 * 100 / 10 * 1e-3
+    assert bench.port.now() - start == pytest.approx(60 / 22.9 + ramp, abs=0.03)
+
+
+def test_a_profile_never_goes_past_its_goal() -> None:
+    bench = running()
+    bench.put(M, "profile_velocity", 100)
+    bench.put(M, "profile_acceleration", 10)
+    bench.put(M, "goal_position", 4000)
+    trajectory = []
+    for _ in range(300):
+        bench.wait(0.01)
+        trajectory.append(bench.get(M, "position_trajectory"))
+    assert trajectory == sorted(trajectory)
+    assert trajectory[-1] == 4000
+
+
+def test_a_time_based_profile_takes_its_time() -> None:
+    bench = Bench()
+    bench.put(M, "operating_mode", EXTENDED)
+    bench.put(M, "drive_mode", 4)
+    bench.put(M, "torque_enable", 1)
+    bench.put(M, "profile_velocity", 800)  # ms in all
+    bench.put(M, "profile_acceleration", 200)  # ms
+    bench.put(M, "goal_position", 3000)
+    start = bench.port.now()
+    while bench.get(M, "moving_status") & 0x02:
+        bench.wait(0.01)
+    assert bench.port.now() - start == pytest.approx(0.8, abs=0.03)
+
+
+# An emulated motor that protects itself: overload, heat, voltage, and the shutdown that follows.
+
+
+def test_a_stall_of_a_second_is_an_overload_and_takes_the_torque_off() -> None:
+    bench = running()
+    bench.plant.current[0] = 1.1
+    bench.wait(0.9)
+    before = bench.get(M, "torque_enable")
+    bench.wait(0.2)
+    assert (before, bench.get(M, "torque_enable"), bench.get(M, "hardware_error_status")) == (1, 0, OVERLOAD)
+
+
+def test_an_overload_that_is_not_in_the_shutdown_mask_is_only_an_alert() -> None:
+    bench = Bench()
+    bench.put(M, "shutdown", HOT)
+    bench.put(M, "torque_enable", 1)
+    bench.plant.current[0] = 1.3
+    bench.wait(1.2)
+    assert (bench.get(M, "torque_enable"), bench.bus.ping(M).alert) == (1, True)
+
+
+def test_a_motor_that_carries_current_grows_warm_and_is_shut_down_at_its_limit() -> None:
+    bench = Bench()
+    bench.put(M, "temperature_limit", 30)
+    bench.put(M, "torque_enable", 1)
+    bench.plant.current[0] = 0.9
+    bench.wait(120.0)
+    assert (bench.get(M, "hardware_error_status"), bench.get(M, "torque_enable")) == (HOT, 0)
+
+
+def test_a_bad_voltage_raises_the_alert_and_leaves_the_torque_on() -> None:
+    bench = running()
+    bench.rig.set_supply(9.0)
+    reply = bench.bus.ping(M)
+    assert (reply.alert, reply.number, bench.get(M, "torque_enable")) == (True, 0, 1)
+    assert bench.get(M, "hardware_error_status") == VOLTAGE
+
+
+def test_after_a_shutdown_only_a_reboot_brings_the_torque_back() -> None:
+    bench = running()
+    bench.rig.motors[M].fail(SHOCK)
+    refused = bench.put(M, "torque_enable", 1)
+    bench.bus.reboot(M)
+    bench.wait(0.5)
+    assert (refused, bench.put(M, "torque_enable", 1)) == (FAIL, 0)
+
+
+# An emulated motor that starts anew: reboot, brown-out, clearing of turns, factory reset.
+
+
+def test_a_reboot_is_answered_and_then_the_motor_is_deaf_for_a_while() -> None:
+    bench = running()
+    answered = bench.bus.reboot(M).ok
+    deaf = bench.bus.ping(M).outcome
+    bench.wait(0.31)
+    assert (answered, deaf, bench.bus.ping(M).ok) == (True, Outcome.SILENT, True)
+
+
+def test_clear_takes_the_turns_away_where_the_motor_stands() -> None:
+    bench = running()
+    bench.put(M, "goal_position", 2048 + 4096)
+    bench.wait(3.0)
+    assert say(bench, ask.CLEAR, b"\x01\x44\x58\x4c\x22") == Status(M)
+    assert bench.get(M, "present_position") == 2048
+
+
+def test_clear_fails_while_the_motor_turns() -> None:
+    bench = running(VELOCITY)
+    bench.put(M, "goal_velocity", 100)
+    bench.wait(0.1)
+    assert say(bench, ask.CLEAR, b"\x01\x44\x58\x4c\x22") == Status(M, FAIL)
+
+
+@pytest.mark.parametrize(("option", "kept"), [(b"\x01", (1, 1)), (b"\x02", (1, 3)), (b"\xff", (1, 1))])
+def test_a_factory_reset_keeps_what_its_option_says(option: bytes, kept: tuple[int, int]) -> None:
+    bench = Bench()
+    bench.put(M, "current_limit", 5)
+    assert say(bench, ask.FACTORY_RESET, option) == Status(M)
+    registers = bench.rig.motors[M].registers
+    assert (registers["id"], registers["baud_rate"], registers["current_limit"]) == (*kept, 648)
+
+
+def test_a_factory_reset_of_everything_is_not_for_all() -> None:
+    bench = Bench()
+    bench.put(M, "current_limit", 5)
+    say(bench, ask.FACTORY_RESET, b"\xff", device=254)
+    assert bench.get(M, "current_limit") == 5
+
+
+def test_a_factory_reset_is_refused_while_the_torque_is_on() -> None:
+    bench = Bench()
+    bench.put(M, "current_limit", 5)
+    bench.put(M, "torque_enable", 1)
+    assert say(bench, ask.FACTORY_RESET, b"\x02") == Status(M, ACCESS)
+    assert bench.get(M, "current_limit") == 5
+
+
+# An emulated motor's bus watchdog: when it trips, what it does in each mode, and how it is cleared.
+
+
+def tripped(mode: int = EXTENDED) -> Bench:
+    bench = running(mode)
+    bench.put(M, "bus_watchdog", 5)
+    bench.wait(0.2)
+    return bench
+
+
+@pytest.mark.parametrize("units", [1, 5, 127])
+def test_the_watchdog_trips_after_its_time_without_a_packet(units: int) -> None:
+    bench = running()
+    bench.put(M, "bus_watchdog", units)
+    heard = bench.port.now()
+    bench.port.wait_until(heard + units * 20e-3 - 2e-3)
+    early = bench.rig.motors[M].is_tripped
+    bench.port.wait_until(heard + units * 20e-3)
+    assert (early, bench.rig.motors[M].is_tripped) == (False, True)
+
+
+def test_the_watchdog_counts_packets_to_other_devices() -> None:
+    bench = running()
+    bench.put(M, "bus_watchdog", 2)
+    for _ in range(20):
+        bench.wait(0.03)
+        bench.bus.ping(3)
+    assert not bench.rig.motors[M].is_tripped
+
+
+def test_the_watchdog_does_not_count_packets_that_are_damaged() -> None:
+    bench = running()
+    bench.put(M, "bus_watchdog", 2)
+    for _ in range(3):
+        bench.wait(0.03)
+        bench.port.write(b"\xff\xff\xfd\x00\x03\x03\x00\x01\x00\x00")
+    assert bench.rig.motors[M].is_tripped
+
+
+@pytest.mark.parametrize("goal", ["goal_pwm", "goal_current", "goal_velocity", "goal_position"])
+def test_a_tripped_watchdog_refuses_goals_as_out_of_range(goal: str) -> None:
+    assert tripped().put(M, goal, 10) == RANGE
+
+
+def test_a_cleared_watchdog_takes_goals_again() -> None:
+    bench = tripped()
+    bench.put(M, "bus_watchdog", 0)
+    assert bench.put(M, "goal_position", 2100) == 0
+    assert law(bench).goal == pytest.approx(52 * COUNT)
+
+
+def test_the_watchdog_holds_a_motor_where_it_is_on_its_way() -> None:
+    bench = running()
+    bench.put(M, "profile_velocity", 20)
+    bench.put(M, "bus_watchdog", 5)
+    bench.put(M, "goal_position", 9000)
+    bench.wait(0.2)
+    held = bench.plant.angles[0]
+    bench.wait(0.5)
+    assert bench.plant.angles[0] == pytest.approx(held, abs=COUNT)
+    assert held < 0.5 * (9000 - 2048) * COUNT
+
+
+@pytest.mark.parametrize("mode", [CURRENT, VELOCITY, PWM])
+def test_the_watchdog_takes_the_goal_away_in_modes_without_a_position(mode: int) -> None:
+    bench = running(mode)
+    bench.put(M, {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: "goal_pwm"}[mode], 100)
+    bench.put(M, "bus_watchdog", 1)
+    bench.wait(0.1)
+    assert law(bench).goal == 0.0
+
+
+def test_the_firmwares_fault_moves_a_motor_with_homing_offset_in_extended_mode() -> None:
+    bench = Bench()
+    bench.put(M, "operating_mode", EXTENDED)
+    bench.put(M, "homing_offset", 700)
+    bench.put(M, "torque_enable", 1)
+    bench.put(M, "bus_watchdog", 1)
+    bench.wait(1.0)
+    assert bench.plant.angles[0] == pytest.approx(700 * COUNT)
+
+
+# An emulated motor and its instructions: what is answered, with which error, and what holds from when on.
+
+
+def test_action_without_a_registered_write_is_an_instruction_error() -> None:
+    assert say(Bench(), ask.ACTION) == Status(M, UNKNOWN)
+
+
+def test_a_registered_write_is_refused_as_a_write_would_be() -> None:
+    assert say(Bench(), ask.REG_WRITE, b"\x84\x00\x01\x02\x03\x04") == Status(M, ACCESS)
+
+
+@pytest.mark.parametrize("code", [0x07, 0x21, 0x99, 0xFF])
+def test_an_unknown_instruction_is_an_instruction_error(code: int) -> None:
+    assert say(Bench(), code) == Status(M, UNKNOWN)
+
+
+STORE, RESTORE = b"\x01CTRL", b"\x02CTRL"
+
+
+def backed_up(bench: Bench) -> Status | None:
+    return say(bench, ask.CONTROL_TABLE_BACKUP, STORE)
+
+
+def test_a_backup_brings_the_registers_back_that_outlive_a_loss_of_power_and_the_motor_starts_anew() -> None:
+    bench = Bench()
+    bench.put(M, "pwm_limit", 300)
+    stored = backed_up(bench)
+    ready = bench.get(M, "backup_ready")
+    bench.put(M, "pwm_limit", 885)
+    bench.put(M, "led", 1)
+    restored = say(bench, ask.CONTROL_TABLE_BACKUP, RESTORE)
+    deaf = bench.bus.ping(M).outcome
+    bench.wait(0.5)
+    assert (stored, ready, restored, deaf) == (Status(M), 1, Status(M), Outcome.SILENT)
+    assert [bench.get(M, name) for name in ("pwm_limit", "led", "backup_ready")] == [300, 0, 1]
+
+
+@pytest.mark.parametrize("params", [STORE, RESTORE])
+def test_nothing_is_backed_up_or_restored_while_the_torque_is_on(params: bytes) -> None:
+    bench = Bench()
+    backed_up(bench)
+    bench.put(M, "torque_enable", 1)
+    assert say(bench, ask.CONTROL_TABLE_BACKUP, params) == Status(M, FAIL)
+
+
+def test_without_a_backup_nothing_is_restored() -> None:
+    bench = Bench()
+    assert (say(bench, ask.CONTROL_TABLE_BACKUP, RESTORE), bench.get(M, "backup_ready")) == (Status(M, FAIL), 0)
+
+
+@pytest.mark.parametrize("params", [b"", b"\x01", b"\x03CTRL", b"\x01CTR"])
+def test_a_backup_without_its_fixed_values_is_a_range_error(params: bytes) -> None:
+    assert say(Bench(), ask.CONTROL_TABLE_BACKUP, params) == Status(M, RANGE)
+
+
+@pytest.mark.parametrize("code", [ask.READ, ask.WRITE, ask.REG_WRITE])
+def test_too_few_parameters_are_a_length_error(code: int) -> None:
+    assert say(Bench(), code, b"\x40") == Status(M, LENGTH)
+
+
+@pytest.mark.parametrize(("level", "answered"), [(0, [True, False, False]), (1, [True, True, False]), (2, [True] * 3)])
+def test_the_status_return_level_says_what_is_answered(level: int, answered: list[bool]) -> None:
+    bench = Bench()
+    bench.put(M, "status_return_level", level)
+    replies = [bench.bus.ping(M), bench.bus.read(M, 64, 1), bench.bus.write(M, 65, b"\x01")]
+    assert [reply.ok for reply in replies] == answered
+
+
+def test_a_new_baud_holds_from_the_next_packet_on() -> None:
+    bench = Bench()
+    assert bench.put(M, "baud_rate", 4) == 0
+    lost = bench.bus.ping(M).outcome
+    bench.rig.line.host_baud = 2_000_000
+    assert (lost, bench.bus.ping(M).ok, bench.bus.ping(2).ok) == (Outcome.SILENT, True, False)
+
+
+def test_a_motor_set_to_protocol_1_is_silent() -> None:
+    bench = Bench()
+    bench.put(M, "protocol_type", 1)
+    assert bench.bus.ping(M).outcome is Outcome.SILENT
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    asked=st.lists(
+        st.tuples(
+            st.sampled_from([1, 2, 3, 4, 5, 6, 8, 16, 0x20, 0x83, 0x93, 0xEE]),
+            st.one_of(
+                st.binary(max_size=12),
+                st.builds(lambda at, data: at.to_bytes(2, "little") + data, st.integers(0, 700), st.binary(max_size=8)),
+                st.sampled_from([b"\x40\x00\x01", b"\x40\x00\x00", b"\x0b\x00\x00", b"\x0b\x00\x10", b"\x62\x00\x01"]),
+            ),
+            st.sampled_from([1, 254]),
+            st.floats(0, 0.1),
+        ),
+        max_size=12,
+    )
+)
+def test_no_instruction_makes_a_motor_raise(asked: list[tuple[int, bytes, int, float]]) -> None:
+    mechanics = Mechanics(StandIn(1))
+    motor = Motor(XH430_W350, Horn(mechanics, 0, 1, 2048))
+    for code, params, device, pause in asked:
+        mechanics.go_to(mechanics.time + pause)
+        motor.heed(mechanics.time)
+        status = motor.obey(Instruction(device, code, params), mechanics.time)
+        motor.advance(mechanics.time)
+        answer = motor.answer(0, 148, mechanics.time)
+        assert status is None or status.number <= 7
+        assert answer is None or len(answer.params) == 148

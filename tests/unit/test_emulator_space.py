@@ -7,15 +7,14 @@ import jax
 import numpy as np
 import pytest
 
-from sinew.emulator.found import drawn_start, found_bench
 from sinew.emulator.joint import TICK_S
-from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.plant import Law
+from sinew.emulator.plant import JointPlant, Law
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
+from sinew.predict.joints.design import Design, design_rig
+from sinew.solve.march import Swing, swing
 from sinew.solve.programs import configure
 from sinew.solve.spatial import Rest, bend, linear_equations, slow_down
-from sinew.solve.swing import Swing, swing
 from sinew.twin.parameters import space_from_rig
 
 configure()
@@ -47,7 +46,7 @@ def beside() -> Beside:
         plant.set_law(tendon, Law("position", (RIG.tendons.free_span.value - end) / RADIUS, GAIN))
     plant.set_law(4, Law("position", 0.0, DRIVE_GAIN))
     plant.advance(6.0)
-    at_rest, tilt = plant.tension, plant.tilt_angles
+    at_rest, tilt = plant.tension, plant.motion().tilt
     seen = []
     for tick in range(600):
         goal = math.radians(20) * math.sin(math.tau * HERTZ * (tick + 0.5) * TICK_S)
@@ -107,11 +106,12 @@ def test_the_accelerometer_of_a_bent_head_feels_what_its_chip_does(beside: Besid
     assert np.abs(beside.seen[6:9].T - force)[goes].max() < 0.1 * chip[1] * np.abs(turning).max()
 
 
-def test_motors_without_a_joint_do_not_bend() -> None:
-    with pytest.raises(SpecError, match="leave out --unloaded or --in-space"):
-        found_bench(RIG, drawn_start(RIG, 0), 0, unloaded=True, in_space=True)
-
-
 def test_a_rig_that_tells_no_masses_is_refused_in_space() -> None:
     with pytest.raises(SpecError, match=r"has no \[space\], expected the masses"):
         JointPlant(RIG.model_copy(update={"space": None}), slack_m=[0.0] * 4, in_space=True)
+
+
+def test_a_bench_in_space_refuses_a_head_that_falls_over_before_a_tendon_holds_it() -> None:
+    heavy = design_rig(RIG, Design(head_mass=6.33, head_height=0.25))
+    with pytest.raises(SpecError, match=r"its head of 6\.33 kg falls over on the silicone"):
+        JointPlant(heavy, slack_m=[0.0] * 4, in_space=True)

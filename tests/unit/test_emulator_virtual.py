@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.emulator_stand_in import Bench
 
-from sinew.emulator.found import VirtualPort
+from sinew.emulator.bench import VirtualPort
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import encode
 from sinew.measure.errors import PortError
@@ -33,20 +33,6 @@ def test_a_read_of_a_silent_line_takes_until_its_deadline() -> None:
     assert port.now() == 0.25
 
 
-def test_a_read_with_a_past_deadline_asks_for_what_is_there() -> None:
-    bench = Bench(return_delay=0)
-    bench.port.write(encode(ask.ping(1)))
-    bench.wait(0.01)
-    assert len(bench.port.read(0.0)) == 14
-
-
-def test_waiting_for_a_time_that_has_passed_changes_nothing() -> None:
-    port = Bench().port
-    port.wait_until(1.0)
-    port.wait_until(0.5)
-    assert port.now() == 1.0
-
-
 def test_an_unplugged_port_is_gone() -> None:
     bench = Bench()
     bench.rig.unplugged = True
@@ -63,10 +49,3 @@ def test_bytes_on_their_way_are_lost_when_the_port_is_unplugged() -> None:
     bench.wait(0.1)
     bench.rig.unplugged = False
     assert bench.port.read(bench.port.now() + 0.1) == b""
-
-
-def test_a_port_can_be_closed_twice() -> None:
-    port = Bench().port
-    port.close()
-    port.close()
-    assert port.now() == 0.0

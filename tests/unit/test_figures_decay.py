@@ -41,7 +41,7 @@ def test_the_torsion_before_and_after_the_stop_has_the_true_amplitude() -> None:
 def test_the_linear_model_recovers_a_closed_form_decay() -> None:
     t = np.arange(0.0, 4.0, 0.005)
     y = 3.0 + 0.2 * t + np.exp(-1.3 * t) * (5.0 * np.cos(20.0 * t) - 2.0 * np.sin(20.0 * t))
-    model = linear_decay(Motion(t, y, np.gradient(y, t), None, "degrees"), 1.3, 20.0, 0.0)
+    model = linear_decay(Motion(t, y, None, "degrees"), 1.3, 20.0, 0.0)
     found = (model.cosine, model.sine, model.rest, model.drift)
     np.testing.assert_allclose(found, (5.0, -2.0, 3.0, 0.2), rtol=1e-9)
 

@@ -1,17 +1,19 @@
 """Figures of designed joints: every computed joint is drawn, proposals are numbered, both ends have their curve."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from tests.unit.figures_panels import labelled
 
 from sinew.figures.tuned import EndCurves, draw_design_curves, draw_design_front
+from sinew.measure.estimate import Estimate
 from sinew.solve.branch import Branch
 
 
-def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> dict[str, Any]:
+def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> Any:
     size = {"volume_cm3": 1e3 * energy, "tension_n": 100 - 200 * energy}
-    return {"name": shape, "shape": shape, "energy_j": energy, "on_front": front, "feasible": feasible, **size}
+    return SimpleNamespace(name=shape, shape=shape, energy_j=energy, on_front=front, feasible=feasible, **size)
 
 
 def curve(peak_hz: float) -> Branch:
@@ -37,14 +39,15 @@ def test_every_joint_is_a_mark_in_both_panels_and_proposals_have_their_number() 
 
 
 def test_a_proposal_has_both_curves_and_what_the_twin_found() -> None:
-    ends = [{"wanted_hz": hertz, "pretension_mm": mm} for hertz, mm in ((0.7, 2.0), (1.1, 8.0))]
-    confirmed = [{"measured_hz": {"value": 0.7}, "yaw_deg": 7.0}, {"measured_hz": {"value": None}, "yaw_deg": None}]
-    document = {"name": "annulus of 40 mm", "ends": ends, "confirmed": confirmed}
-    figure = draw_design_curves([EndCurves(document, (curve(0.7), curve(1.1)))], 7.0)
+    ends = [SimpleNamespace(wanted_hz=hertz, pretension_mm=mm) for hertz, mm in ((0.7, 2.0), (1.1, 8.0))]
+    found = [(Estimate(0.7, 0.0, 0.7, 0.7), 7.0), (Estimate(*[np.nan] * 4), np.nan)]
+    confirmed = [SimpleNamespace(measured_hz=one, yaw_deg=yaw) for one, yaw in found]
+    proposal: Any = SimpleNamespace(name="annulus of 40 mm", ends=ends, confirmed=confirmed)
+    figure = draw_design_curves([EndCurves(proposal, (curve(0.7), curve(1.1)))], 7.0)
     axes = figure.axes[0]
     for end, one in (("lower", curve(0.7)), ("upper", curve(1.1))):
         points = np.column_stack([one.frequency_hz, np.degrees(one.amplitude)])
         np.testing.assert_allclose(labelled(axes, f"{end} end, predicted"), points)
     (ring,) = [line for line in axes.lines if line.get_marker() == "o"]
-    assert np.ravel(ring.get_data()).tolist() == [0.7, 7.0]
+    assert np.array(ring.get_data())[:, 0].tolist() == [0.7, 7.0]
     assert axes.get_ylabel() == "torsion in degrees"

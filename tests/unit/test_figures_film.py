@@ -19,25 +19,22 @@ def recording() -> xr.Dataset:
 
 def test_a_film_of_a_decay_lasts_as_long_as_the_drive_and_the_record(recording: xr.Dataset, tmp_path: Path) -> None:
     path = tmp_path / "decay.gif"
-    count = film.save_film(recording, path, frames_per_s=4, speed=4.0)
+    count = film.save_film(recording, path, frames_per_s=2)
     with Image.open(path) as picture:
-        assert (count, getattr(picture, "n_frames", 1)) == (round(SETTLE_S + RECORD_S), count)
+        assert (count, getattr(picture, "n_frames", 1)) == (round(2 * (SETTLE_S + RECORD_S)), count)
 
 
 def test_a_film_of_a_sweep_stays_two_periods_at_each_frequency(recording: xr.Dataset, tmp_path: Path) -> None:
-    count = film.save_film(recording, tmp_path / "sweep.webp", "sweep", 6.0, frames_per_s=6, speed=2.0)
-    assert count == pytest.approx(3 * (2 / 2 + 2 / 3 + 2 / 4), abs=1)
+    count = film.save_film(recording, tmp_path / "sweep.webp", "sweep", 6.0, frames_per_s=6)
+    assert count == pytest.approx(6 * (2 / 2 + 2 / 3 + 2 / 4), abs=1)
 
 
-def test_a_film_that_needs_ffmpeg_says_so_where_there_is_none(
-    recording: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(FileError, match=r"found no ffmpeg.*\.gif"):
+def test_a_film_in_another_format_is_refused(recording: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"ends with \.gif or \.webp"):
         film.save_film(recording, tmp_path / "decay.mp4")
 
 
-@pytest.mark.parametrize(("kind", "left_out"), [("decay", "ring-down"), ("sweep", "steady")])
+@pytest.mark.parametrize(("kind", "left_out"), [("ring-down", "ring-down"), ("sweep", "steady")])
 def test_a_recording_without_what_is_to_be_filmed_is_refused(
     recording: xr.Dataset, tmp_path: Path, kind: film.FilmKind, left_out: str
 ) -> None:
@@ -53,16 +50,3 @@ def test_a_response_that_is_no_angle_is_refused(recording: xr.Dataset, tmp_path:
     foreign = recording.drop_vars("gyro_rad_s").assign(response=response)
     with pytest.raises(RecordingError, match="in m"):
         film.save_film(foreign, tmp_path / "film.gif", "sweep")
-
-
-def test_an_ffmpeg_that_fails_ends_in_one_sentence_and_leaves_nothing(
-    recording: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "bin").mkdir()
-    program = tmp_path / "bin" / "ffmpeg"
-    program.write_text("#!/bin/sh\ncat > /dev/null\nexit 3\n", encoding="utf-8")
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{program.parent}:/bin:/usr/bin")
-    with pytest.raises(FileError, match="status 3"):
-        film.save_film(recording, tmp_path / "film.mp4", frames_per_s=2)
-    assert [path.name for path in tmp_path.iterdir()] == ["bin"]

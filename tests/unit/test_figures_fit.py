@@ -1,62 +1,45 @@
 """What the figures of an identification show is what the fit and its record hold."""
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from scipy import special
 from tests.tables import rows
 from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
-from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
+from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
 from sinew.figures.fit import (
     FIT_CAPTIONS,
     Cloud,
+    Trace,
     autocorrelation,
+    axis_label,
     cloud_of,
     draw_corner,
+    draw_fit,
     draw_residuals,
     ellipse,
-    write_fit_page,
-)
-from sinew.figures.fit_data import (
-    Trace,
-    axis_label,
-    draw_backbone,
-    draw_fit,
     parameter_label,
     shown_unit,
     traces_of,
-    value_and_std,
+    write_fit_page,
 )
-from sinew.identify.choice.comparison import HeldOut, Split, fit_and_predict, split_record
-from sinew.identify.oscillator.backbone import fit_backbone
+from sinew.identify.identified import identify
+from sinew.identify.oscillator.comparison import HeldOut, Split, fit_and_predict, split_record
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.fitted import Fit, swing_of
 from sinew.identify.oscillator.record import Record, make_record
+from sinew.measure.estimate import typeset
 
 TIME = np.arange(0, 6, 0.01)
 
 
 def decay(response: np.ndarray) -> Record:
     return make_record(TIME, response, output_unit="rad")
-
-
-@functools.cache
-def duffing() -> Fit:
-    """A hardening decay from 0.6 rad, whose frequency falls by a fifth, without noise."""
-    force = viscous(0.02, cubic=400.0)
-    return fit(decay(motion(force, lambda t: 0.0, TIME, (0.6, 0.0))[0]), "cubic")
-
-
-@functools.cache
-def rough() -> Fit:
-    """A decay under dry friction alone, with a little noise."""
-    return fit(decay(noisy(dry_decay(TIME, 0.5, 0.0, 2.0, 0.01), 1e-4, 11)), "coulomb")
 
 
 @functools.cache
@@ -74,65 +57,11 @@ def traces() -> list[Trace]:
 
 @functools.cache
 def figures() -> dict[str, Figure]:
-    split, held_out = divided()
-    found = held_out.fit
-    decay_itself = fit_backbone(split.record.time_s, split.record.output)
     return {
         "fit_data": draw_fit(traces(), 3.0),
         "residuals": draw_residuals(traces(), 3.0),
-        "corner": drawn(draw_corner(cloud_of(found))),
-        "backbone": drawn(draw_backbone(swing_of(found), decay_itself, "rad")),
+        "corner": drawn(draw_corner(cloud_of(divided()[1].fit))),
     }
-
-
-def test_the_swing_of_a_hardening_spring_has_the_period_of_the_elliptic_integral() -> None:
-    found = swing_of(duffing())
-    assert found is not None
-    k, c = duffing().parameters["stiffness_per_s2"].value, duffing().parameters["cubic_per_s2_rad2"].value
-    d = duffing().parameters["damping_per_s"].value
-    # x'' + k x + c x³ = 0 from rest at A (Landau and Lifshitz; Abramowitz and Stegun 16.23): T = 4 K(m)/sqrt(k + c A²).
-    inner = k + c * found.amplitude**2
-    omega = np.pi / 2 * np.sqrt(inner) / special.ellipk(c * found.amplitude**2 / (2 * inner))
-    np.testing.assert_allclose(found.frequency_hz, np.sqrt(omega**2 - d**2 / 4) / (2 * np.pi), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_swing_of_a_fit_agrees_with_the_decay_that_it_was_fitted_to() -> None:
-    record, model = duffing().records[0], swing_of(duffing())
-    itself = fit_backbone(record.time_s, record.output)
-    assert model is not None
-    at = (itself.amplitude > 0.1) & (itself.amplitude < 0.5)
-    expected = np.interp(itself.amplitude[at], model.amplitude, model.frequency_hz)
-    np.testing.assert_allclose(itself.frequency_hz[at], expected, rtol=0.005)
-
-
-def test_the_swing_of_a_pendulum_has_the_period_of_the_elliptic_integral() -> None:
-    response = motion(lambda r, v: 0.4 * v + OMEGA**2 * np.sin(r), lambda t: 0.0, TIME, (2.0, 0.0))[0]
-    found = swing_of(fit(decay(response), "pendulum"), largest=2.5)
-    assert found is not None
-    period = 4 / OMEGA * special.ellipk(np.sin(found.amplitude / 2) ** 2)
-    expected = np.sqrt((2 * np.pi / period) ** 2 - 0.2**2) / (2 * np.pi)
-    np.testing.assert_allclose(found.frequency_hz, expected, rtol=1e-4)
-
-
-@pytest.mark.slow
-def test_dry_friction_damps_a_swing_by_two_frictions_over_pi_times_the_restoring_force() -> None:
-    found, numbers = swing_of(rough()), rough().parameters
-    assert found is not None
-    k, c, d = (numbers[name].value for name in ("stiffness_per_s2", "coulomb_rad_per_s2", "damping_per_s"))
-    expected = d / (2 * np.sqrt(k)) + 2 * c / (np.pi * k * found.amplitude)
-    np.testing.assert_allclose(found.damping_ratio, expected, rtol=1e-6)
-
-
-def test_the_band_of_a_swing_at_small_amplitude_is_the_interval_of_the_linear_part() -> None:
-    found, numbers = swing_of(divided()[1].fit), divided()[1].fit
-    assert found is not None
-    half = 0.5 * (found.damping_ratio_high - found.damping_ratio_low)[0]
-    assert half == pytest.approx(0.5 * (numbers.damping_ratio.high - numbers.damping_ratio.low), rel=1e-3)
-
-
-def test_a_spring_that_pushes_away_has_no_swing() -> None:
-    assert swing_of(duffing(), largest=np.inf) is None
 
 
 def test_the_held_out_samples_are_those_of_the_test_range() -> None:
@@ -252,7 +181,7 @@ def test_the_corner_plot_tells_values_and_correlation() -> None:
     grid = np.reshape(np.array(figures()["corner"].axes), (2, 2))
     for k, name in enumerate(cloud.names):
         (words, unit), one = parameter_label(name), found.parameters[name]
-        value, spread = value_and_std(one.value, one.std).split(" ± ")
+        value, spread = typeset(one.shown()).split(" ± ")
         assert grid[k, k].get_title() == f"{words}\n{value} {unit}\n± {spread}"
         assert grid[1, k].get_xlabel() == words
     assert grid[0, 1].texts[0].get_text() == f"ρ = {cloud.correlation[0, 1]:.2f}".replace("-", "−")
@@ -270,22 +199,6 @@ def test_the_ellipses_of_the_corner_plot_reach_as_far_as_their_shares_and_lean_w
 
 def test_a_single_parameter_has_no_corner() -> None:
     assert draw_corner(Cloud(("loss_factor",), np.ones(1), np.eye(1))) is None
-
-
-def test_the_backbone_has_a_curve_of_the_model_and_one_of_the_decay() -> None:
-    left, right = figures()["backbone"].axes
-    model, itself = labelled(left, "fitted model"), labelled(left, "decay, no model")
-    np.testing.assert_allclose(model[:, 1], 3.0 * np.sqrt(1 - 0.05**2), rtol=0.002)
-    np.testing.assert_allclose(np.median(itself[:, 1]), 3.0 * np.sqrt(1 - 0.05**2), rtol=0.01)
-    assert 0.5 < itself[:, 0].max() / np.degrees(0.4) < 1.1
-    np.testing.assert_allclose(labelled(right, "fitted model")[:, 1], 0.05, rtol=0.05)
-    assert np.median(labelled(right, "decay, no model")[:, 1]) == pytest.approx(0.05, rel=0.1)
-    assert [axes.get_ylabel() for axes in (left, right)] == ["frequency in Hz", "damping ratio"]
-    assert {axes.get_xlabel() for axes in (left, right)} == {"amplitude in degrees"}
-
-
-def test_neither_curve_means_no_backbone() -> None:
-    assert draw_backbone(None, None, "rad") is None
 
 
 def test_no_type_is_smaller_than_eight_points() -> None:
@@ -314,52 +227,19 @@ def test_a_parameters_name_gives_its_words_and_its_unit(name: str, words: str, u
     assert parameter_label(name) == (words, unit)
 
 
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [
-        (355.3142, 0.1712, "355.31 ± 0.17"),
-        (0.10234, 0.0013, "0.1023 ± 0.0013"),
-        (12345.6, 240.0, "12350 ± 240"),
-        (2.0e-9, 3.0e-10, "(2.00 ± 0.30)e-09"),
-        (-1.5, np.nan, "−1.5"),
-    ],
-)
-def test_a_value_is_told_to_the_second_digit_of_its_standard_deviation(value: float, std: float, text: str) -> None:
-    assert value_and_std(value, std) == text
-
-
 def test_an_axis_names_its_unit_and_none_where_there_is_none() -> None:
     assert (axis_label("output", "m"), axis_label("output", "1")) == ("output in mm", "output")
     assert shown_unit("rad")[0] * np.pi == pytest.approx(180.0)
 
 
-QUANTITY = {"value": 3.0, "std": 0.1, "interval90": [2.8, 3.2]}
-DOCUMENT = {
-    "model": "linear",
-    "parameters": {"stiffness_per_s2": QUANTITY},
-    "natural_frequency_hz": QUANTITY,
-    "damping_ratio": {"value": None, "std": None, "interval90": [None, None]},
-    "rmse": {"train": 0.01, "test": None},
-    "unit": "V",
-    "converged": False,
-    "message": "",
-    "unidentifiable": ["offset and quadratic term cannot be told apart in this record"],
-    "compared": [{"model": "linear", "rmse_test": None, "bic": None}],
-}
-
-
 def test_the_page_holds_verdict_numbers_and_figures_and_nothing_from_elsewhere(tmp_path: Path) -> None:
     figures()["corner"].savefig(tmp_path / "corner.png")
-    path = write_fit_page(tmp_path, DOCUMENT, sentences=["all is <well>"], figures=[tmp_path / "corner.png"])
-    page = path.read_text(encoding="utf-8")
+    found = identify(divided()[0].record, "linear")
+    told = replace(found, sentences=("all is <well>",), posterior={"loss_factor": found.damping_ratio})
+    page = write_fit_page(tmp_path, told, figures=[tmp_path / "corner.png"]).read_text(encoding="utf-8")
     assert "All is &lt;well&gt;." in page
-    assert "Offset and quadratic term" in page
-    assert "did not converge" in page
+    assert typeset(found.parameters["stiffness_per_s2"].shown()) in page
+    assert "<h3>Posterior</h3>" in page
     assert asked_outside(page) == []
     assert FIT_CAPTIONS["corner"].see.split(".")[0] in page
     assert alternatives(page) == [FIT_CAPTIONS["corner"].alt]
-
-
-def test_the_numbers_of_an_option_get_a_table_of_their_own(tmp_path: Path) -> None:
-    path = write_fit_page(tmp_path, DOCUMENT | {"posterior": {"stiffness_per_s2": QUANTITY}}, sentences=["well"])
-    assert "<h3>Posterior</h3>" in path.read_text(encoding="utf-8")

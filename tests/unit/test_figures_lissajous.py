@@ -1,4 +1,4 @@
-"""The Lissajous curves and phase portraits show the closed motion of a linear joint, with its lag and size."""
+"""The Lissajous curves show the closed motion of a linear joint, with its lag and size."""
 
 import re
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from tests.unit.figures_drawn import figures, panel, recording, results
+from tests.unit.figures_drawn import panel, recording
 from tests.unit.figures_sample import SMALL, Joint, drive_share
 
-from sinew.figures.motion import Motion, draw_phase_portraits, groups_of, motion_of, nearest
+from sinew.figures.motion import Motion, groups_of, motion_of, nearest
 from sinew.figures.style import few
 from sinew.plan.toml import dump_rig, load_rig
 
@@ -61,21 +61,6 @@ def test_ideal_shapes_have_the_lag_in_their_title(degrees: int, product: float) 
     line = panel("figure07_lissajous", f"{degrees}°").lines[0]
     x, y = np.asarray(line.get_xdata())[:-1], np.asarray(line.get_ydata())[:-1]
     assert np.mean(x * y) == pytest.approx(product, abs=1e-12)
-
-
-def test_the_portrait_of_a_linear_joint_is_an_ellipse_of_its_frequency() -> None:
-    figure = figures()["phase_portraits"]
-    for axes, p in zip(figure.axes, range(len(SMALL[0])), strict=True):
-        f = SMALL[1][np.argmin(np.abs(SMALL[1] - results()["resonance_hz"].values[p]))]
-        torsion, rate = (np.asarray(values) for values in axes.lines[0].get_data())
-        size = 20.0 * float(drive_share(f)) * abs(complex(Joint.at(SMALL[0][p]).response(f)))
-        np.testing.assert_allclose(np.hypot(torsion, rate / (2 * np.pi * f)), size, rtol=0.03)
-
-
-def test_no_resonance_means_no_portraits() -> None:
-    unknown = results().copy(deep=True)
-    unknown["resonance_hz"].values[:] = np.nan
-    assert draw_phase_portraits(recording(), unknown) is None
 
 
 def test_the_sensor_delay_is_undone_in_the_motion() -> None:

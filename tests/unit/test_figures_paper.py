@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from collections.abc import Callable
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 import xarray as xr
 from tests.unit.figures_sample import FULL, foreign_ring_down, sample_results
 
-from sinew.paper.numbers import TARGETS
-from sinew.paper.summary import summarise
-from sinew.paper.table import Row, paper_table, role_of
-from sinew.plan.toml import dump_rig, load_rig
+from sinew.paper.campaign import Row, paper_table, summarise
+from sinew.plan.toml import load_rig
 
 
 def campaign() -> xr.Dataset:
@@ -80,22 +77,6 @@ def test_what_was_not_measured_is_null_in_the_json() -> None:
     assert row(summary["paper"], "resonance does not rise")["measured"] is None
 
 
-def test_the_drive_amplitude_is_in_degrees() -> None:
-    results = campaign()
-    results["drive_amplitude_at_resonance_rad"].values[:] = math.pi / 18
-    assert summarise(results, wall_s=1, simulated_s=1)["drive_amplitude_deg_at_resonance"] == pytest.approx([10.0] * 13)
-
-
-def test_ring_down_columns_leave_out_pretensions_without_ring_downs() -> None:
-    results = campaign()
-    for name in results.data_vars:
-        if results[name].dims == ("pretension_mm", "repeat"):
-            results[name].values[5] = np.nan
-    found = summarise(results, wall_s=1, simulated_s=1)["ring_down"]
-    assert found["pretension_mm"] == [float(p) for p in range(13) if p != 5]
-    assert {len(column) for column in found.values()} == {12}
-
-
 def test_ring_down_numbers_are_means_and_sample_deviations_of_the_papers_method() -> None:
     results = campaign()
     results["paper_lehr_damping"].values[0] = [0.07, 0.08, 0.09]
@@ -104,22 +85,12 @@ def test_ring_down_numbers_are_means_and_sample_deviations_of_the_papers_method(
     assert found["lehr_damping_std"][0] == pytest.approx(0.01)
 
 
-def test_one_repeat_has_no_standard_deviation() -> None:
-    results = campaign().isel(repeat=[0])
-    assert summarise(results, wall_s=1, simulated_s=1)["ring_down"]["lehr_damping_std"] == [None] * 13
-
-
 def test_a_campaign_like_the_papers_agrees_in_every_row() -> None:
     results = campaign()
     results["paper_gain_peak"].values[:] = np.linspace(2.8, 1.31, 13)
     rows = table(results, above_threshold(*LEVEL))
     assert [r["quantity"] for r in rows if not r["ok"]] == []
     assert len(rows) == 17
-
-
-def test_the_rig_of_the_results_is_used_where_none_is_given() -> None:
-    results = campaign().assign_attrs(rig=dump_rig(load_rig("paper")))
-    assert row(summarise(results, wall_s=1, simulated_s=1)["paper"], "stiffness k")["ok"]
 
 
 def _set(name: str, index: object, value: float) -> Callable[[xr.Dataset], None]:
@@ -174,29 +145,9 @@ def test_the_tolerance_includes_its_ends(measured: float, ok: bool) -> None:
     assert row(table(results), "resonance frequency at 0 mm")["ok"] is ok
 
 
-def test_the_number_of_steps_against_the_trend_is_counted() -> None:
-    results = campaign()
-    results["paper_gain_peak"].values[[3, 8]] += 1.0
-    assert row(table(results), "gain does not fall")["measured"] == 2
-
-
 def test_the_order_of_the_pretensions_in_the_results_does_not_matter() -> None:
     results = campaign().isel(pretension_mm=slice(None, None, -1))
     assert all(r["ok"] for r in table(results))
-
-
-def test_one_falling_step_of_the_decay_rate_fails_its_row() -> None:
-    results = campaign()
-    rate = results["paper_decay_rate_per_s"].values
-    rate[[4, 5]] = rate[[5, 4]]
-    found = row(table(results), "λ does not rise")
-    assert (found["measured"], found["ok"]) == (1.0, False)
-
-
-def test_a_level_decay_rate_does_not_count_as_rising() -> None:
-    results = campaign()
-    results["paper_decay_rate_per_s"].values[:] = 1.7
-    assert not row(table(results), "λ does not rise")["ok"]
 
 
 @pytest.mark.parametrize(("last", "ok"), [(1.10, True), (1.11, False), (0.90, True), (0.89, False), (1.19, False)])
@@ -217,20 +168,11 @@ def test_a_gain_that_bends_at_5_mm_and_falls_on_misses_the_papers_threshold() ->
     assert not found["ok"]
 
 
-def test_each_row_gives_a_reason_for_its_tolerance() -> None:
-    assert all(r["reason"] for r in table(campaign(), above_threshold(*LEVEL)))
-
-
 def test_the_bare_silicone_is_stiff_and_slow_as_equation_5_says() -> None:
     rows = paper_table(campaign(), rig=load_rig("paper"))
     assert row(rows, "stiffness k")["measured"] == pytest.approx(0.29 / 0.095)
     slow = row(rows, "frequency of the bare silicone")["measured"]
     assert slow == pytest.approx(math.sqrt(0.29 / 0.095 / 12.74e-3) / (2 * math.pi), rel=1e-3)
-
-
-def test_another_silicone_fails_equation_5() -> None:
-    rows = paper_table(campaign(), rig=load_rig("paper").with_values({"silicone.torsional_rigidity": 0.3}))
-    assert not row(rows, "stiffness k")["ok"]
 
 
 def test_pretensions_that_were_not_visited_have_no_rows() -> None:
@@ -243,31 +185,13 @@ def test_without_a_rig_there_is_no_table_of_the_paper() -> None:
     assert paper_table(campaign(), above_threshold(1.2)) == []
 
 
-def test_another_rig_is_not_held_against_the_paper() -> None:
-    assert paper_table(campaign(), rig=load_rig("paper").model_copy(update={"name": "mine"})) == []
-
-
 def test_an_imported_recording_is_not_held_against_the_paper() -> None:
     assert table(campaign().assign_attrs(source="import")) == []
 
 
 def test_the_numbers_that_the_calibration_aims_at_are_told_from_the_others() -> None:
-    rig = load_rig("paper")
-    rows = table(campaign(), above_threshold(*LEVEL))
-    assert [r["role"] for r in rows] == [role_of(r["quantity"], rig) for r in rows]
-    roles = [r["role"] for r in rows]
+    roles = [r["role"] for r in table(campaign(), above_threshold(*LEVEL))]
     assert [roles.count(role) for role in ("fitted", "input", "follows")] == [6, 2, 9]
-
-
-def test_a_rig_without_calibrated_parameters_was_fitted_to_nothing() -> None:
-    rig = load_rig("paper")
-    measured = rig.with_values({name: row.value for name, row in rig.parameters()}, origin="assumed")
-    assert "fitted" not in [r["role"] for r in paper_table(campaign(), rig=measured)]
-
-
-def test_the_calibration_aims_at_nothing_but_the_rows_that_are_marked_as_fitted() -> None:
-    kinds = {re.split(r" at |,| minus", target.name)[0] for target in TARGETS}
-    assert kinds == {"resonance_hz", "gain", "damping spread", "90 degree crossing"}
 
 
 def test_a_foreign_ring_down_has_no_rows_and_no_sweep() -> None:

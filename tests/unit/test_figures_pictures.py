@@ -12,7 +12,6 @@ from sinew.figures.decay import draw_decay
 from sinew.figures.style import few, frequency_colours, pretension_colours
 from sinew.measure.arrays import mean_and_spread
 from sinew.measure.errors import FileError
-from sinew.measure.tasks import beside
 from sinew.paper.report import CAPTIONS, FIGURES, build_figures, draw_figures
 
 
@@ -29,14 +28,6 @@ def test_every_figure_is_written_in_every_format(tmp_path: Path) -> None:
     paths = draw_figures(recording(), results(), tmp_path / "new" / "figures")
     assert [p.name for p in paths] == [f"{name}.{ending}" for name in FIGURES for ending in ("png", "pdf")]
     assert all(p.read_bytes()[:4] in (b"\x89PNG", b"%PDF") and p.stat().st_size > 10_000 for p in paths)
-
-
-@pytest.mark.slow
-def test_two_processes_write_the_same_pictures_as_one(tmp_path: Path) -> None:
-    one = draw_figures(recording(), results(), tmp_path / "one", formats=("png",))
-    with beside(1) as hand:
-        two = draw_figures(recording(), results(), tmp_path / "two", formats=("png",), hand=hand)
-    assert [p.read_bytes() for p in one] == [p.read_bytes() for p in two]
 
 
 def test_a_folder_that_is_a_file_is_refused_by_name(tmp_path: Path) -> None:
@@ -61,7 +52,7 @@ def test_a_sweep_too_short_for_a_resonance_still_shows_its_response() -> None:
     ]
     swept = results().drop_vars([name for name in plain if name != "pretension_mm"])
     left = [name for name, _ in build_figures(recording(), swept)]
-    assert left == ["figure05_drive_groups", "figure06_response", "figure07_lissajous", "drive_amplitude"]
+    assert left == ["figure05_drive_groups", "figure06_response", "figure07_lissajous"]
 
 
 def test_a_foreign_ring_down_gives_its_decay_alone() -> None:
@@ -79,7 +70,7 @@ def test_no_type_is_smaller_than_eight_points() -> None:
 def test_no_flat_panel_has_a_frame_above_or_to_the_right() -> None:
     flat = [a for f in figures().values() for a in f.axes if a.name != "3d" and a.get_label() != "<colorbar>"]
     shown = [a.spines[side].get_visible() for a in flat for side in ("top", "right")]
-    assert len(flat) > 25
+    assert len(flat) > 20
     assert not any(shown)
 
 

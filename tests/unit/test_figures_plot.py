@@ -10,7 +10,8 @@ from tests.unit.figures_sample import SMALL
 
 import sinew as sn
 from sinew.measure.estimate import Estimate
-from sinew.tune.pretension import Reachable, Resonance, Setting, Swing, Tuning
+from sinew.measure.result import Rows
+from sinew.tune.pretension import Reachable, Resonance, Setting, Tuning
 
 
 def test_the_phase_is_the_lag_over_frequency_in_degrees() -> None:
@@ -31,7 +32,7 @@ def test_a_tuning_is_the_reachable_curve_and_a_ring_with_its_interval_for_each_f
         Setting(3.3, True, "nothing is known of its uncertainty", unsure, Estimate(3.3, *3 * (math.nan,))),
     )
     found = Tuning(
-        Reachable(reachable, None, None, ("", "")), settings, (), "paper", Swing(command_deg=20.0), "position"
+        Rows(settings), Reachable(reachable, None, None, ("", "")), (), "paper", 20.0, None, "position", None
     )
     axes = sn.plot.tuning(found, Figure().subplots())
     shown = [[tuple(point) for point in np.column_stack(line.get_data()).tolist()] for line in axes.lines]

@@ -10,7 +10,6 @@ from tests.unit.figures_panels import drawn
 
 import sinew as sn
 from sinew.figures.predicted import (
-    PREDICTION_CAPTIONS,
     Curves,
     draw_comparison,
     draw_predicted,
@@ -18,10 +17,11 @@ from sinew.figures.predicted import (
     shortened,
     stretches,
     upper_gain,
-    write_prediction_page,
+    write_prediction,
 )
 from sinew.plan.toml import load_rig
-from sinew.predict.predicted import Predicted, RigAsked
+from sinew.predict.joints.validity import Check
+from sinew.predict.predicted import RigAsked, predicted_of
 from sinew.solve.branch import Branch, Mark, Prediction
 
 
@@ -79,10 +79,6 @@ def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:
     assert found == pytest.approx([0.1 + 0.9 * 0.5 / 1.5, 0.1 + 0.9 * 1.2 / 1.5, 0.4 - 0.3 * 1.0 / 1.5])
 
 
-def test_beyond_its_band_a_curve_has_no_gain() -> None:
-    assert np.isnan(upper_gain(curves(), np.array([0.1, 99.0]))).all()
-
-
 def test_the_gain_is_by_the_commanded_amplitude() -> None:
     figure = draw_predicted(curves())
     left = figure.axes[0]
@@ -92,7 +88,8 @@ def test_the_gain_is_by_the_commanded_amplitude() -> None:
 
 def test_the_phase_plot_of_a_prediction_is_the_lag_of_its_branch_in_degrees_with_its_folds() -> None:
     one, asked = bent(0.0), RigAsked([0.0], 30.0, "position", (), (2.0, 4.5))
-    found = Predicted(load_rig("paper"), asked, None, Prediction((one,), 1, 0.0, 0.0), [])  # type: ignore[arg-type]
+    prediction = Prediction((one,), 1, 0.0, 0.0)
+    found = predicted_of(load_rig("paper"), asked, None, prediction, [])  # type: ignore[arg-type]
     axes = sn.plot.predicted_phase(found, Figure().subplots())
     lines = [np.column_stack(line.get_data()).astype(float) for line in axes.lines]
     curve = np.concatenate([line for line in lines if len(line) > 2])
@@ -134,25 +131,13 @@ def test_a_map_has_its_ridge_at_the_peaks() -> None:
 
 def test_the_page_says_what_does_not_hold(tmp_path: Path) -> None:
     checks = [
-        {"check": "slenderness", "holds": True, "sentence": "long enough"},
-        {"check": "tension_n", "holds": False, "sentence": "300 N are too many"},
+        Check("slenderness", 2.0, 1.0, True, "long enough"),
+        Check("tension_n", 300.0, 200.0, False, "300 N are too many"),
     ]
-    branch = {
-        "pretension_mm": 4.0,
-        "peak": {"frequency_hz": 3.25, "amplitude_deg": 40.0},
-        "phase_90": None,
-        "folds": [{"frequency_hz": 3.5, "amplitude_deg": 20.0}],
-        "complete": True,
-        "message": "",
-    }
-    document = {"rig": "mine", "branches": [branch], "validity": checks, "harmonics": 19, "error_estimate": 1e-3}
-    path = write_prediction_page(tmp_path / "prediction.html", [document], amplitude_deg=20.0, rebuild="sinew predict")
-    page = path.read_text(encoding="utf-8")
+    asked = RigAsked([4.0], 20.0, "position", (), (2.0, 4.5))
+    prediction = Prediction((bent(0.0),), 19, 1e-3, 0.1)
+    found = predicted_of(load_rig("paper"), asked, None, prediction, checks)  # type: ignore[arg-type]
+    page = write_prediction(tmp_path, "prediction", found, rebuild="sinew predict").read_text(encoding="utf-8")
     assert "<b>Does not hold:</b> 300 N are too many." in page
     assert "1 of the checked assumptions does not hold" in page
-    assert "3.25" in page
-
-
-def test_every_figure_has_its_words() -> None:
-    for caption in PREDICTION_CAPTIONS.values():
-        assert all((caption.title, caption.see, caption.alt))
+    assert "3.5 Hz, 57.3°, gain 2.865" in page

@@ -7,7 +7,7 @@ from tests.unit.figures_drawn import panel, results
 from tests.unit.figures_panels import drawn, labelled, titled
 from tests.unit.figures_sample import SMALL
 
-from sinew.figures.response import along_ridge, draw_response, draw_response_map
+from sinew.figures.response import along_ridge, draw_response
 
 
 def test_the_response_lines_are_means_over_repeats() -> None:
@@ -70,18 +70,3 @@ def test_the_mesh_of_the_map_reproduces_a_straight_response() -> None:
     gain = 0.3 * f + np.array([[0.0], [1.0], [2.0]])
     mesh, found = along_ridge(f, gain, np.array([3.0, np.nan, 4.0]))
     np.testing.assert_allclose(found, 0.3 * mesh + np.array([[0.0], [1.0], [2.0]]))
-
-
-def test_the_mesh_of_the_map_never_overshoots_the_measured_gain() -> None:
-    gain = results()["gain"].values.mean(axis=2)
-    _, found = along_ridge(SMALL[1], gain, results()["resonance_hz"].values)
-    assert (found.max(axis=1) <= gain.max(axis=1)).all()
-    assert (found.min(axis=1) >= gain.min(axis=1)).all()
-
-
-def test_the_ridge_of_the_map_leaves_out_a_resonance_that_is_unknown() -> None:
-    unknown = results().copy(deep=True)
-    unknown["resonance_hz"].values[1] = np.nan
-    above = titled(drawn(draw_response_map(unknown)), "from above")
-    expected = unknown["resonance_hz"].values
-    assert any(np.array_equal(line.get_xdata(), expected, equal_nan=True) for line in above.lines)

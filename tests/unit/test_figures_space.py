@@ -29,11 +29,11 @@ def rows(axes: Axes) -> list[np.ndarray]:
 def test_a_panel_has_the_modes_of_its_bend_twice_the_torsion_and_a_gap_where_there_are_none(
     found: Modes,
 ) -> None:
-    track = found.tracks[20.0]
+    track = found.scanned[20.0]
     gap = len(track) // 2
     parted = tuple(replace(one, modes=()) if i == gap else one for i, one in enumerate(track))
-    panels = drawn(draw_over_pretension(replace(found, tracks=found.tracks | {20.0: parted}))).axes[:2]
-    for axes, poses in zip(panels, (found.tracks[0.0], parted), strict=True):
+    panels = drawn(draw_over_pretension(replace(found, scanned=found.scanned | {20.0: parted}))).axes[:2]
+    for axes, poses in zip(panels, (found.scanned[0.0], parted), strict=True):
         *each, double = rows(axes)
         slowest = np.array([one.modes[0].frequency_hz if one.modes else np.nan for one in poses])
         torsion = [2 * next((m.frequency_hz for m in one.modes if m.group == "torsion"), np.nan) for one in poses]
@@ -46,7 +46,7 @@ def test_a_panel_has_the_modes_of_its_bend_twice_the_torsion_and_a_gap_where_the
 def test_coupling_is_drawn_over_the_bend_beside_half_its_sine_hollow_where_a_tendon_is_slack(found: Modes) -> None:
     left, right = drawn(draw_coupling(found)).axes[:2]
     curves = [line for line in left.lines if len(np.atleast_1d(line.get_xdata())) == 2]
-    mine = [[one for one in found.poses if one.pretension_mm == mm] for mm in (0.0, 12.0)]
+    mine = [[one for one in found.nominal if one.pretension_mm == mm] for mm in (0.0, 12.0)]
     for line, poses in zip(curves, mine, strict=True):
         tilts = [abs(torsion.tilt_across_per_torsion) for one in poses if (torsion := one.of("torsion")) is not None]
         np.testing.assert_allclose(np.abs(np.asarray(line.get_ydata(), dtype=float)), tilts, atol=1e-12)
@@ -65,7 +65,7 @@ def test_coupling_is_drawn_over_the_bend_beside_half_its_sine_hollow_where_a_ten
 
 def test_the_four_slowest_shapes_of_the_most_bent_taut_pose_are_drawn_with_their_frequencies(found: Modes) -> None:
     panels = drawn(draw_shapes(found)).axes
-    (pose,) = [one for one in found.poses if one.bend_deg == 20.0 and one.taut]
+    (pose,) = [one for one in found.nominal if one.bend_deg == 20.0 and one.taut]
     assert len(panels) == 4
     for axes, mode in zip(panels, pose.modes, strict=False):
         words = " ".join(text.get_text() for text in axes.texts) + axes.get_title() + axes.get_title("left")
@@ -78,7 +78,7 @@ def test_the_flat_side_of_an_oval_decides_which_sway_is_the_slower_one() -> None
     oval = design_rig(load_rig("paper"), Design(section=ellipse_section(0.065, 0.040), name="oval"))
     slower = []
     for rig in ("paper", oval):
-        (pose,) = find_modes(rig, 12.0, bend_deg=0.0).poses
+        (pose,) = find_modes(rig, 12.0, bend_deg=0.0).nominal
         sway = next(mode for mode in pose.modes if mode.group != "torsion")
         slower.append(abs(sway.tilt_in_plane) > abs(sway.tilt_across))
     assert slower == [True, False]

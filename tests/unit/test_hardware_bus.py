@@ -4,7 +4,7 @@ import pytest
 from tests.unit.hardware_line import Arrivals, Line, ManualClock, Slave
 
 from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
-from sinew.hardware.codec import ACTION, READ, REBOOT, Read, Status, Write, encode, sync_read
+from sinew.hardware.codec import ACTION, REBOOT, Read, Status, Write, encode
 
 TIMING = BusTiming(baud=1_000_000, return_delay=500e-6, latency=0.005)
 
@@ -63,19 +63,17 @@ def test_a_reg_write_is_answered_and_an_action_goes_to_all() -> None:
     assert (line.sent[-1].code, line.sent[-1].id) == (ACTION, 254)
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_a_sync_read_gives_every_device_in_the_order_asked(fast: bool) -> None:
+def test_a_sync_read_gives_every_device_in_the_order_asked() -> None:
     bus, _, _ = bench()
-    replies = bus.sync_read(126, 10, [3, 1, 2], fast=fast)
+    replies = bus.sync_read(126, 10, [3, 1, 2])
     assert [(device, reply.data) for device, reply in replies.items()] == [
         (d, bytes(range(126, 136))) for d in (3, 1, 2)
     ]
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_a_bulk_read_gives_each_device_its_own_block(fast: bool) -> None:
+def test_a_bulk_read_gives_each_device_its_own_block() -> None:
     bus, _, _ = bench()
-    replies = bus.bulk_read([Read(1, 126, 10), Read(2, 32, 18)], fast=fast)
+    replies = bus.bulk_read([Read(1, 126, 10), Read(2, 32, 18)])
     assert {d: reply.data for d, reply in replies.items()} == {1: bytes(range(126, 136)), 2: bytes(range(32, 50))}
 
 
@@ -85,19 +83,12 @@ def test_an_absent_device_is_silent_after_all_retries() -> None:
     assert (reply.outcome, reply.attempts, len(line.sent)) == (Outcome.SILENT, 3, 3)
 
 
-@pytest.mark.parametrize("fast", [False, True])
 @pytest.mark.parametrize("absent", [1, 2, 3])
-def test_one_absent_device_does_not_cost_the_data_of_the_others(absent: int, fast: bool) -> None:
+def test_one_absent_device_does_not_cost_the_data_of_the_others(absent: int) -> None:
     bus, _, _ = bench(*(Slave(device, absent=device == absent) for device in (1, 2, 3)))
-    replies = bus.sync_read(126, 10, [1, 2, 3], fast=fast)
+    replies = bus.sync_read(126, 10, [1, 2, 3])
     assert {device for device, reply in replies.items() if reply.ok} == {1, 2, 3} - {absent}
     assert replies[absent].outcome in (Outcome.SILENT, Outcome.DAMAGED)
-
-
-def test_what_came_before_a_fast_read_broke_off_is_not_asked_again() -> None:
-    bus, line, _ = bench(Slave(1), Slave(2), Slave(3, absent=True))
-    bus.sync_read(126, 10, [1, 2, 3], fast=True)
-    assert [packet.id for packet in line.sent if packet.code == READ] == [3]
 
 
 def test_without_retries_a_group_is_asked_once_and_who_answered_is_kept() -> None:
@@ -177,16 +168,6 @@ def test_a_doubled_answer_counts_as_one_answer_and_a_stray() -> None:
     assert (bus.statistics.answers, bus.statistics.strays) == (1, 1)
 
 
-def test_a_fast_read_answered_in_another_order_is_not_believed() -> None:
-    bus, line, _ = bench(retries=0)
-    swapped = sync_read(126, 10, [2, 1], fast=True)
-    line.slaves[1].memory[126] = 0
-    other = Line(ManualClock(), *line.slaves.values())
-    other.write(encode(swapped))
-    line.spoil = lambda n, wire: only_first(other.read(other.clock.time + 1))
-    assert not any(reply.ok for reply in bus.sync_read(126, 10, [1, 2], fast=True).values())
-
-
 def test_an_answer_of_another_id_is_a_stray() -> None:
     bus, line, _ = bench(retries=0)
     line.spoil = lambda n, wire: only_first(encode(Status(9, 0, b"1234")))
@@ -211,11 +192,6 @@ def test_an_alert_is_reported_for_its_device_only_and_the_data_are_good() -> Non
     bus, _, _ = bench(Slave(1), Slave(2, error=0x80), Slave(3))
     replies = bus.sync_read(126, 10, [1, 2, 3])
     assert [(reply.ok, reply.alert) for reply in replies.values()] == [(True, False), (True, True), (True, False)]
-
-
-def test_an_alert_is_reported_out_of_a_fast_read() -> None:
-    bus, _, _ = bench(Slave(1), Slave(2, error=0x80), Slave(3))
-    assert [r.alert for r in bus.sync_read(126, 10, [1, 2, 3], fast=True).values()] == [False, True, False]
 
 
 def test_a_refusal_says_why_and_is_not_repeated() -> None:

@@ -5,13 +5,11 @@ import struct
 
 import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
-from tests.unit.hardware_line import Line, ManualClock, Slave
+from tests.unit.hardware_line import Line, ManualClock
 
 from sinew.hardware.believable import SensorBounds
-from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
+from sinew.hardware.bus import Bus, Outcome, Reply
 from sinew.hardware.imu import ClockTrack, Imu
-from sinew.hardware.registers import OPENCR_NODE, TURTLEBOT3
-from sinew.measure.errors import DeviceError
 
 GYRO = math.radians(2000) / 32768
 FORCE = 2 * 9.80665 / 32768
@@ -25,7 +23,7 @@ def answer(gyro=(0, 0, 0), force=(0, 0, 0), sample_us: int = 0, clock_us: int = 
 
 def imu(axes: tuple[str, ...] = ("+x", "+y", "+z")) -> Imu:
     clock = ManualClock()
-    return Imu(Bus(Line(clock), clock), 200, OPENCR_NODE, axes)
+    return Imu(Bus(Line(clock), clock), 200, axes)
 
 
 def test_rates_and_accelerations_come_in_si() -> None:
@@ -35,27 +33,12 @@ def test_rates_and_accelerations_come_in_si() -> None:
     assert reading.acceleration == pytest.approx((-9.80665, 9.80665 / 2, 9.80665 / 4))
 
 
-@pytest.mark.parametrize(
-    ("axes", "order"),
-    [
-        (("+y", "+z", "+x"), (2, 3, 1)),
-        (("-y", "+x", "+z"), (-2, 1, 3)),
-        (("+z", "-y", "+x"), (3, -2, 1)),
-    ],
-)
-def test_the_axes_of_the_chip_become_those_of_the_head(axes: tuple[str, ...], order: tuple[int, ...]) -> None:
-    reading = imu(axes).decode(answer((1, 2, 3), (1, 2, 3)), 1.0)
-    assert reading is not None
-    assert [value / GYRO for value in reading.gyro] == pytest.approx(order)
-    assert [value / FORCE for value in reading.acceleration] == pytest.approx(order)
-
-
 @pytest.mark.parametrize("axes", [("+x", "+y", "+z"), ("+z", "-y", "+x"), ("-z", "+x", "-y")])
 def test_a_chip_mounted_as_the_wiring_says_gives_what_the_head_does(axes: tuple[str, str, str]) -> None:
     bench = Bench(paper_rig(imu_axes=axes), imu_ppm=0.0)
     bench.plant.gyro, bench.plant.acceleration = (1.0, -2.0, 3.0), (9.0, 3.0, -1.0)
     bench.wait(0.1)
-    reading = Imu(bench.bus, 200, OPENCR_NODE, axes).read()
+    reading = Imu(bench.bus, 200, axes).read()
     assert reading.gyro == pytest.approx(bench.plant.gyro, abs=0.02)
     assert reading.acceleration == pytest.approx(bench.plant.acceleration, abs=0.1)
 
@@ -78,15 +61,6 @@ def test_a_sample_that_came_while_the_node_answered_is_not_71_minutes_old() -> N
     assert reading.time == pytest.approx(50.0 + 10e-6)
 
 
-def test_the_time_of_a_sample_is_when_the_node_took_it() -> None:
-    bench = Bench(imu_ppm=0.0)
-    bench.wait(0.5)
-    reading = Imu(bench.bus, 200).read()
-    node = bench.rig.imu
-    taken = reading.counter * 1e-6 - node.clock(0.0)  # the emulated crystal is exact
-    assert reading.time == pytest.approx(taken, abs=0.1e-3)
-
-
 def test_an_answer_of_an_earlier_cycle_is_no_reading() -> None:
     sensor = imu()
     for cycle in range(10):
@@ -104,22 +78,6 @@ def test_where_the_time_of_the_answer_is_not_known_the_nodes_clock_tells_it() ->
 
 def test_without_any_known_time_there_is_no_reading() -> None:
     assert imu().decode(answer(), math.nan) is None
-
-
-def test_a_silent_sensor_is_an_error_with_a_sentence() -> None:
-    with pytest.raises(DeviceError, match=r"IMU \(id 200\) gave no fresh reading: device 200 sent nothing"):
-        imu().read()
-
-
-def test_the_map_of_turtlebot3_gives_floats_and_half_its_refresh_as_age() -> None:
-    clock = ManualClock()
-    board = Slave(200, model=0x5000)
-    board.memory[10:14] = (123_456).to_bytes(4, "little")
-    board.memory[60:84] = struct.pack("<6f", 0.5, -1.0, 2.0, 9.75, 0.25, -0.125)
-    sensor = Imu(Bus(Line(clock, board), clock, BusTiming()), 200, TURTLEBOT3, ("+y", "-x", "+z"))
-    reading = sensor.read()
-    assert (reading.gyro, reading.acceleration) == ((-1.0, -0.5, 2.0), (0.25, -9.75, -0.125))
-    assert (reading.counter, reading.time) == (123_456_000, pytest.approx(100.0 - 0.01, abs=1e-3))
 
 
 def tick_of(time: float) -> int:

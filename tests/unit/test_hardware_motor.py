@@ -114,10 +114,6 @@ def test_a_layout_finds_each_register_where_the_table_has_it(table) -> None:  # 
     assert found == tuple(int.from_bytes(memory[row.address : row.stop], "little", signed=row.signed) for row in rows)
 
 
-def test_a_register_that_is_right_already_is_not_written(bench: Bench, motor: Motor) -> None:
-    assert not motor.ensure_count("return_delay_time", 250)
-
-
 def test_a_register_that_is_wrong_is_written(bench: Bench, motor: Motor) -> None:
     assert motor.ensure_count("return_delay_time", 0)
     assert bench.get(2, "return_delay_time") == 0

@@ -14,7 +14,7 @@ import pytest
 from tests.patience import LONG_S
 
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.ports import SerialPort
 from sinew.measure.errors import PortError
 
 pytest.importorskip("serial", reason="pyserial is not installed")
@@ -32,7 +32,7 @@ def ends() -> Iterator[tuple[int, str]]:
 
 
 def test_pyserial_is_loaded_only_when_a_port_is_opened() -> None:
-    code = "import sys, sinew.hardware.serial_port, sinew.hardware.bus; print('serial' in sys.modules)"
+    code = "import sys, sinew.hardware.ports, sinew.hardware.bus; print('serial' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
@@ -121,14 +121,6 @@ def test_a_port_that_is_lost_in_a_cycle_says_why_and_what_to_do(
     if call == "read":  # what pyserial makes of a failed write has no number
         assert GONE[number] in str(caught.value)
     assert "then start again" in str(caught.value)
-
-
-def test_a_port_closed_by_the_driver_under_our_hands_is_lost_and_no_traceback(ends: tuple[int, str]) -> None:
-    port = SerialPort(ends[1], 1_000_000, CLOCK)
-    port._opened.close()
-    for act in (lambda: port.read(CLOCK.now()), lambda: port.write(b"1")):
-        with pytest.raises(PortError, match="lost"):
-            act()
 
 
 def test_a_byte_that_somebody_else_took_is_no_loss(ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.analysis.run_trend import DAYS_OF_A_MONTH, by_chance, differences, fit_line, trends
+from sinew.analysis.runs import DAYS_OF_A_MONTH, by_chance, differences, fit_line, trends
 
 BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -74,24 +74,20 @@ def test_rigs_sources_and_pretensions_have_lines_of_their_own() -> None:
     assert [trend.title for trend in trends(runs, "resonance_hz")] == ["mine, 6 mm", "mine (twin), 6 mm", "other, 6 mm"]
 
 
-@pytest.mark.parametrize("first_hour", [13, 20])
-def test_the_runs_of_one_afternoon_have_no_line(first_hour: int) -> None:
-    # Fourteen runs, one each 21 minutes; in an American afternoon some of them are on the next day of UTC.
-    runs = [run(str(k), (first_hour + 0.35 * k) / 24, 3.0 + 0.01 * (-1) ** k) for k in range(14)]
-    (trend,) = trends(runs, "resonance_hz")
-    assert trend.line is None
-    assert "14 runs" in trend.sentence
-    assert "at least 3 runs on 2 days are needed" in trend.sentence
-
-
-def test_three_runs_of_an_evening_and_the_next_noon_have_a_line() -> None:
-    (trend,) = trends([run(str(k), day, 3.0) for k, day in enumerate((0.75, 0.8, 1.5))], "resonance_hz")
-    assert trend.line is not None
-
-
-def test_two_runs_are_too_few_for_a_line() -> None:
-    (trend,) = trends([run("a", 0, 3.0), run("b", 9, 3.1)], "resonance_hz")
-    assert (trend.line, trend.to_json()["slope_per_month"]) == (None, None)
+@pytest.mark.parametrize(
+    ("days", "is_told"),
+    [
+        # Fourteen runs, one each 21 minutes; in an American afternoon some of them are on the next day of UTC.
+        ([(13 + 0.35 * k) / 24 for k in range(14)], False),
+        ([(20 + 0.35 * k) / 24 for k in range(14)], False),
+        ([0.75, 0.8, 1.5], True),
+        ([0.0, 9.0], False),
+    ],
+)
+def test_a_line_needs_three_runs_of_more_than_an_afternoon(days: list[float], is_told: bool) -> None:
+    (trend,) = trends([run(str(k), day, 3.0 + 0.01 * (-1) ** k) for k, day in enumerate(days)], "resonance_hz")
+    assert (trend.line is not None, trend.to_json()["slope_per_month"] is not None) == (is_told, is_told)
+    assert ("at least 3 runs on 2 days are needed" in trend.sentence) != is_told
 
 
 def test_a_run_without_a_date_is_left_out() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 from tests.unit.identify_campaigns import PRETENSIONS
 
-from sinew.paper.answers.answer import CANNOT_TELL
-from sinew.paper.answers.constancy import NOT_DETERMINED, answer_constancy
+from sinew.paper.answer import CANNOT_TELL
+from sinew.paper.sweeps import NOT_DETERMINED, answer_constancy
 
 
 def decays(law: float, noise: float, seed: int, repeats: int = 3) -> xr.Dataset:

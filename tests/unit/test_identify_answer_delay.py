@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from tests.unit.identify_campaigns import RIG
 
-from sinew.paper.answers.delay import answer_delay
+from sinew.paper.sweeps import answer_delay
 from sinew.plan.plan import Plan, Pretension, RingDown
 from sinew.twin.simulate import simulate
 

@@ -11,8 +11,8 @@ from tests.unit.identify_campaigns import RIG, SMALL, whole_campaign
 
 from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import Parameters
-from sinew.paper.answers.answer import Answer
-from sinew.paper.answers.hardening import answer_hardening
+from sinew.paper.answer import Answer
+from sinew.paper.hardening import answer_hardening
 from sinew.plan.plan import Group, Plan, Sweep
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate

@@ -4,8 +4,8 @@ import pytest
 import xarray as xr
 from tests.unit.identify_campaigns import RIG, whole_campaign
 
-from sinew.paper.answers.hardening import CAPPED, records_by_repeat
-from sinew.paper.answers.questions import joint_selection
+from sinew.paper.hardening import CAPPED, records_by_repeat
+from sinew.paper.questions import joint_selection
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 from tests.unit.identify_campaigns import PRETENSIONS
 
-from sinew.paper.answers.answer import CANNOT_TELL
-from sinew.paper.answers.saturation import answer_saturation
+from sinew.paper.answer import CANNOT_TELL
+from sinew.paper.sweeps import answer_saturation
 
 
 def peaks(joint: float, drive: float, seed: int = 1) -> xr.Dataset:

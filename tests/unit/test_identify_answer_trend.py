@@ -7,7 +7,7 @@ import pytest
 
 from sinew.analysis.signal.repeats import detectable, fit_trend, pool_repeats, ratio_interval
 from sinew.measure.estimate import Estimate
-from sinew.paper.answers.answer import in_words
+from sinew.paper.answer import in_words
 
 
 def test_the_interval_of_a_pooled_mean_covers_nine_times_in_ten() -> None:

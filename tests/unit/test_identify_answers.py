@@ -4,12 +4,10 @@ import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.paper.answers.answer import CANNOT_TELL
-from sinew.paper.answers.constancy import answer_constancy
-from sinew.paper.answers.delay import answer_delay
-from sinew.paper.answers.hardening import answer_hardening
-from sinew.paper.answers.losses import answer_losses
-from sinew.paper.answers.saturation import answer_saturation
+from sinew.paper.answer import CANNOT_TELL
+from sinew.paper.hardening import answer_hardening
+from sinew.paper.losses import answer_losses
+from sinew.paper.sweeps import answer_constancy, answer_delay, answer_saturation
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.twin.simulate import simulate
 

@@ -1,19 +1,17 @@
-"""Covariances, profiles and unidentifiable directions, against what repeated draws and textbooks say."""
+"""Covariances and unidentifiable directions, against what repeated draws and textbooks say."""
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sinew.analysis.signal.coloured_noise import autoregression
+from sinew.analysis.signal.least_squares import autoregression
 from sinew.identify.oscillator.least_squares import (
     Problem,
-    correlation,
     covariance,
     estimates,
     find_unidentifiable,
     solve,
 )
-from sinew.identify.oscillator.profile import profile_interval
 from sinew.measure.errors import RecordingError
 
 X = np.linspace(0, 1, 400)
@@ -66,12 +64,6 @@ def test_a_coloured_covariance_of_two_recordings_is_half_that_of_one() -> None:
     assert both == pytest.approx(0.5 * one, rel=1e-9)
 
 
-def test_offset_and_slope_of_a_line_on_the_right_of_zero_are_anticorrelated_as_the_textbook_says() -> None:
-    solution = solve(line_problem(np.random.default_rng(3).normal(size=X.size)), np.zeros(2))
-    expected = -X.mean() / np.sqrt(np.mean(X**2))
-    assert correlation(covariance(solution.jacobian, solution.residual).matrix)[0, 1] == pytest.approx(expected)
-
-
 def test_a_parameter_that_nothing_depends_on_has_no_standard_deviation() -> None:
     jacobian = np.stack([np.ones_like(X), np.zeros_like(X)], axis=1)
     found = estimates(np.ones(2), covariance(jacobian, np.sin(50 * X)))
@@ -95,35 +87,12 @@ def test_well_determined_parameters_are_not_called_unidentifiable() -> None:
     assert find_unidentifiable(["offset", "slope"], np.ones(2), LINE, 0.1) == ()
 
 
-def test_the_profile_interval_of_a_linear_model_is_students() -> None:
-    problem = line_problem(3 * X + np.random.default_rng(4).normal(size=X.size))
-    solution = solve(problem, np.zeros(2))
-    known = covariance(solution.jacobian, solution.residual)
-    slope = estimates(solution.values, known)[1]
-    profile = profile_interval(problem, solution, 1, float(known.std[1]))
-    assert (profile.low, profile.high) == pytest.approx((slope.low, slope.high), rel=2e-3)
-
-
-def test_the_profile_interval_of_a_rate_known_within_a_factor_is_longer_upwards() -> None:
-    t = np.linspace(0, 3, 30)
-    y = np.exp(-2 * t) + np.random.default_rng(5).normal(0, 0.2, t.size)
-    problem = Problem(
-        lambda b: b[0] * np.exp(-b[1] * t) - y,
-        lambda b: np.stack([np.exp(-b[1] * t), -b[0] * t * np.exp(-b[1] * t)], axis=1),
-    )
-    solution = solve(problem, [1.0, 1.0])
-    std = float(covariance(solution.jacobian, solution.residual).std[1])
-    found = profile_interval(problem, solution, 1, std)
-    assert found.high - solution.values[1] > 1.1 * (solution.values[1] - found.low)
-
-
-def test_the_best_of_several_starts_is_kept_and_named() -> None:
+def test_the_best_of_several_starts_is_kept() -> None:
     problem = Problem(
         lambda b: np.array([b[0] ** 4 - 5 * b[0] ** 2 + b[0] + 10, 0.0]),
         lambda b: np.array([[4 * b[0] ** 3 - 10 * b[0] + 1], [0.0]]),
     )
-    found = solve(problem, [2.0], [-2.0])
-    assert (found.start, round(found.values[0])) == (1, -2)
+    assert round(solve(problem, [2.0], [-2.0]).values[0]) == -2
 
 
 def test_a_search_that_is_cut_short_says_so() -> None:
@@ -139,7 +108,8 @@ def test_fewer_samples_than_parameters_are_refused() -> None:
 
 def test_a_start_whose_squares_have_no_sum_is_left_out_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
     solution = solve(line_problem(X), np.full(2, 1e200), np.zeros(2))
-    assert (solution.start, [str(one.message) for one in recwarn]) == (1, [])
+    assert np.isfinite(solution.values).all()
+    assert [str(one.message) for one in recwarn] == []
 
 
 @pytest.mark.parametrize("most", [3, 400])

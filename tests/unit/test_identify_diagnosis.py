@@ -1,4 +1,4 @@
-"""What a fit is suspected of, and what a record is refused for: steps, hands, and models that do not describe it."""
+"""What a fit is suspected of, and what a record is refused for: steps, and models that do not describe it."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
+from sinew.identify.oscillator.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.record import Record, make_record
-from sinew.identify.oscillator.start import dominant_omega, is_step
+from sinew.identify.oscillator.record import Record, dominant_omega, is_step, make_record
 
 TIME = np.arange(0, 5, 0.01)
 MASS = 1.3
@@ -23,14 +22,6 @@ def stepped(damping_ratio: float, seed: int = 1) -> Record:
     x = motion(viscous(damping_ratio), push, TIME)[0]
     given = 20.0 * (jump <= TIME)
     return make_record(TIME, noisy(x, 2e-4, seed), given, excitation="force", output_unit="m", input_unit="N")
-
-
-def held(seed: int = 1) -> Record:
-    """Return a decay that a hand slows down in its first half swing."""
-    free = motion(viscous(0.03), lambda t: 0.0, TIME, (0.5, 0.0))[0]
-    slow = 0.55 * np.cos(0.5 * OMEGA * np.arange(0, 2 * np.pi / OMEGA, 0.01))
-    x = np.concatenate([slow, -free[: TIME.size - slow.size]])
-    return make_record(TIME, noisy(x, 0.002, seed), output_unit="rad")
 
 
 @pytest.mark.parametrize("damping_ratio", [0.05, 0.17, 0.4, 0.8])
@@ -54,21 +45,7 @@ def test_a_step_response_is_told_what_its_jump_hides() -> None:
 def test_a_sine_and_a_decay_are_no_steps() -> None:
     swing = np.sin(OMEGA * TIME)
     assert not is_step(make_record(TIME, swing, swing, excitation="force"))
-    assert not is_step(held())
-
-
-def test_a_decay_that_begins_in_the_hand_is_told_where_to_begin() -> None:
-    (told,) = [s for s in suspicions(fit(held(), "linear")) if "look not free" in s]
-    assert "with 3 Hz and a damping ratio of 0.03" in told
-    begin = int(told.rsplit(" ", 1)[1])
-    assert 0.9 < TIME[begin] * OMEGA / (2 * np.pi) < 1.7  # the hand lets go after one period
-
-
-def test_a_free_decay_is_not_said_to_begin_in_the_hand() -> None:
-    for damping_ratio in (0.01, 0.05, 0.2):
-        x = motion(viscous(damping_ratio), lambda t: 0.0, TIME, (0.5, 0.0))[0]
-        record = make_record(TIME, noisy(x, 0.002, 3), output_unit="rad")
-        assert suspicions(fit(record, "linear")) == ()
+    assert not is_step(make_record(TIME, swing))
 
 
 @pytest.mark.slow

@@ -47,14 +47,6 @@ def test_the_rest_position_of_a_decay_is_not_taken_for_motion() -> None:
     assert off(fit(decay_record(0.1), "linear").nuisance["offset"], 0.02) < 4
 
 
-def test_a_rest_position_that_drifts_is_followed() -> None:
-    record = decay_record(0.1)
-    moving = make_record(TIME, record.output + 0.05 * TIME / TIME[-1], output_unit="rad")
-    from sinew.identify.oscillator.model import get_model
-
-    assert off(fit(moving, get_model("linear").resting("drift")).nuisance["drift"], 0.05) < 4
-
-
 def test_the_cubic_stiffness_of_the_sweep_is_within_its_interval_widened_twice() -> None:
     cubic = fit(sweep_record(0), "cubic").parameters["cubic_n_m_per_rad3"]
     assert off(cubic, 6.0) < 3.3
@@ -155,16 +147,6 @@ def test_several_records_share_their_mechanics_and_keep_their_own_start() -> Non
     alone = fit(decay_record(0.1, seed=8), "linear")
     together = fit([decay_record(0.1, seed=8), decay_record(0.1, seed=9)], "linear")
     assert together.damping_ratio.std == pytest.approx(alone.damping_ratio.std / np.sqrt(2), rel=0.2)
-
-
-def test_a_number_that_varies_is_found_for_each_group() -> None:
-    records = []
-    for group, omega in (("0 mm", OMEGA), ("12 mm", 1.2 * OMEGA)):
-        x = motion(viscous(0.1, omega=omega), lambda t: 0.0, TIME, (0.5, 0.0))[0]
-        records.append(make_record(TIME, noisy(x, 0.005, 1), output_unit="rad", group=group))
-    found = fit(records, "linear", varying=("stiffness", "damping")).parameters
-    ratio = found["stiffness_per_s2[12 mm]"].value / found["stiffness_per_s2[0 mm]"].value
-    assert ratio == pytest.approx(1.44, rel=5e-3)
 
 
 def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:

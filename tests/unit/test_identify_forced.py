@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns.forced import ERROR, HARDENING, SOFTENING, Oscillator, predicted, swing
 from scipy import signal
 from scipy.integrate import solve_ivp
+from tests.experiments.forced import ERROR, HARDENING, SOFTENING, Oscillator, predicted, swing
 
 import sinew as sn
 from sinew.identify.forced import Mechanics, mechanics_of, predict_fit, read_mechanics
@@ -21,9 +21,8 @@ BAND_HZ = (2.0, 4.0)
 def law(model: str, excitation: str = "none", unit: str = "rad", **numbers: float) -> Mechanics:
     """A law of 3 Hz and D = 0.05 whose numbers are known to a thousandth, seen up to 0.5."""
     numbers = {"stiffness": OMEGA**2, "damping": 2 * DAMPING * OMEGA} | numbers
-    values = np.array(list(numbers.values()))
-    spread = np.diag((1e-3 * values) ** 2)
-    return Mechanics(model, excitation, unit, "N*m", tuple(numbers), values, spread, 500.0, 0.5)  # type: ignore[arg-type]
+    spread = np.diag((1e-3 * np.array(list(numbers.values()))) ** 2)
+    return Mechanics(model, excitation, unit, "N*m", numbers, spread, 500.0, 0.5)  # type: ignore[arg-type]
 
 
 def transfer(hertz: float | Array) -> Array:
@@ -70,7 +69,7 @@ def test_a_driven_fit_knows_its_gain() -> None:
 
 
 def test_the_document_of_a_linear_law_has_its_resonance_in_the_middle_of_the_band() -> None:
-    (one,) = predict_fit(law("linear", "torque", gain=80.0), torque=0.1, band_hz=BAND_HZ, draws=40).document()["levels"]
+    (one,) = predict_fit(law("linear", "torque", gain=80.0), torque=0.1, band_hz=BAND_HZ, draws=40).to_dict()["levels"]
     expected = np.degrees(8.0 / OMEGA**2) * transfer(np.array(one["band"]["frequency_hz"]))
     for way in ("up", "down"):
         assert one["band"][way]["amplitude"]["median"] == pytest.approx(expected, rel=0.02)
@@ -104,9 +103,9 @@ def test_every_law_swings_as_time_integration_does(model: str) -> None:
 
 @pytest.mark.slow
 def test_a_loss_factor_lets_it_swing_at_resonance_by_its_inverse() -> None:
-    values = np.array([OMEGA**2, 0.1, 1.0])
-    spread, names = np.diag((1e-3 * values) ** 2), ("stiffness", "loss_factor", "gain")
-    known = Mechanics("loss-factor", "torque", "rad", "N*m", names, values, spread, 500.0, 0.5)
+    numbers = {"stiffness": OMEGA**2, "loss_factor": 0.1, "gain": 1.0}
+    spread = np.diag((1e-3 * np.array(list(numbers.values()))) ** 2)
+    known = Mechanics("loss-factor", "torque", "rad", "N*m", numbers, spread, 500.0, 0.5)
     (one,) = predict_fit(known, torque=4.0, band_hz=(2.9, 3.0), draws=20).levels
     turn = OMEGA * relaxation_times()
     storage, loss = (prony_shares(0.1) @ (part / (1 + turn**2)) for part in (turn**2, turn))
@@ -147,7 +146,7 @@ def test_what_lies_beyond_the_record_is_called_extrapolated() -> None:
 def test_a_document_holds_the_law_as_the_fit_does() -> None:
     found = sn.identify(decay(), "linear")
     assert found.fit is not None
-    held, own = read_mechanics(found.document), mechanics_of(found.fit)
+    held, own = read_mechanics(found.to_dict()), mechanics_of(found.fit)
     assert held.values == pytest.approx(own.values)
     assert held.covariance == pytest.approx(own.covariance)
     assert np.sqrt(own.covariance[1, 1]) == pytest.approx(found.fit.parameters["damping_per_s"].std, rel=1e-9)
@@ -161,7 +160,7 @@ def test_a_unit_that_is_no_angle_changes_nothing_but_the_words() -> None:
         predict_fit(x, torque=1.0, through=(2.8, 0.1), band_hz=BAND_HZ, draws=20) for x in (in_volts, law("linear"))
     )
     assert one.levels[0].branch.amplitude == pytest.approx(other.levels[0].branch.amplitude)
-    assert (one.document()["unit"], other.document()["unit"]) == ("V", "deg")
+    assert (one.to_dict()["unit"], other.to_dict()["unit"]) == ("V", "deg")
 
 
 @pytest.mark.slow
@@ -189,7 +188,7 @@ def test_a_rate_without_a_spring_has_a_document_and_no_resonance() -> None:
     found = sn.identify(
         sn.make_record(t, rate, volts, excitation="torque", output_unit="rad/s", input_unit="V"), "linear"
     )
-    assert json.loads(json.dumps(found.document, allow_nan=False))["natural_frequency_hz"]["value"] is None
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["natural_frequency_hz"]["value"] is None
     with pytest.raises(sn.SpecError, match="does not say how far its motion went"):
         found.predict(torque=1.0)
 

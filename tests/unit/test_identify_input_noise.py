@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns.impulses import Struck, struck_record
+from tests.experiments.impulses import Struck, struck_record
 
-from sinew.identify.choice.comparison import split_record
-from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.identified import identify
+from sinew.identify.oscillator.comparison import split_record
+from sinew.identify.oscillator.diagnosis import warn_of_noise, widen, window_force
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 

@@ -6,18 +6,17 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from sinew.identify.identified import identified_joint
-from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
-from sinew.identify.joint.motion import lever_read_again, simulate_swings, steps_per_sample
+from sinew.identify.joint.motion import lever_read_again, numbers_of, simulate_swings, steps_per_sample
 from sinew.identify.joint.swing import Swing, line_through, make_sieve, places_of, swings_of
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.mechanics.parameters import POSITION
+from sinew.mechanics.parameters import POSITION, POSITION_LIMITED
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.solve.first import free_swing
+from sinew.solve.rest import free_swing
 from sinew.twin.parameters import Effects
-from sinew.twin.simulate import lane_parameters, simulate, simulate_tracks
+from sinew.twin.simulate import lane_parameters, rest_tension, simulate, simulate_tracks
 
 QUIET = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
 SHARES = {
@@ -116,7 +115,7 @@ def test_one_pretension_without_currents_leaves_the_diameter_open_and_says_so() 
 
 @pytest.mark.slow
 def test_the_document_has_the_keys_of_every_identification() -> None:
-    document = identified_joint(quiet_fit()).document
+    document = identified_joint(quiet_fit()).to_dict()
     assert {"model", "parameters", "natural_frequency_hz", "damping_ratio", "rmse", "unit", "converged"} <= set(
         document
     )
@@ -249,6 +248,30 @@ def test_a_deviation_of_the_pretension_is_more_of_it() -> None:
         [here, there], numbers, np.array([[1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]), steps
     )
     assert moved.values == pytest.approx(set_so.values, rel=1e-9)
+
+
+def test_motors_with_a_limit_yield_at_what_a_bench_told_them_whatever_the_joint_holds_at_rest() -> None:
+    """Those of the twin yield 5 N above what they hold at rest."""
+    time, rig = 5e-3 * np.arange(12), load_rig("paper")
+    still = CubicSpline(time, np.zeros(12))
+    asked = (0, 0, "steady", 4.0, 3.0, 0, POSITION_LIMITED, 5e-3, still, np.zeros(12), np.ones(12, bool), 0, False)
+    told, of_twin = (Swing(*asked, np.nan, np.nan, limit_a) for limit_a in (0.16, np.nan))
+    twisted = np.array([[0.0, 0.0, 1.0, 0.0]] * 2)  # by 57°, which pulls 22 N more where nothing yields
+    for contact in (8.0, 9.0):
+        other = rig.with_values({"tendons.first_contact_tension": contact})
+        numbers = numbers_of(other)
+        seen = simulate_swings([told, of_twin], numbers, twisted, steps_per_sample(numbers, 5e-3))
+        rest = other.tendons.current(rest_tension([4.0], other)[0])
+        assert seen[0].values[0, 1] == pytest.approx(0.16, rel=1e-9)
+        assert seen[1].values[0, 1] == pytest.approx(rest + other.tendons.current(5.0), rel=1e-6)
+
+
+def test_a_swing_has_the_limit_that_its_recording_says_its_motors_had() -> None:
+    plain = quiet_recording()
+    limited = plain.assign_attrs(tendon_limit_a='{"1": 0.11, "5": 0.19, "10": 0.35}')
+    found = {swing.pretension_mm: swing.limit_a for swing in swings_of([limited], load_rig("paper"))}
+    assert found == {1.0: 0.11, 5.0: 0.19, 10.0: 0.35}
+    assert all(np.isnan(swing.limit_a) for swing in swings_of([plain], load_rig("paper")))
 
 
 @pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 from tests.unit.identify_signals import motion, noisy, viscous
 
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.least_squares import covariance
+from sinew.identify.oscillator.model import Fit
 from sinew.identify.oscillator.posterior import (
     Posterior,
     density_of,

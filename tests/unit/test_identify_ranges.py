@@ -1,31 +1,17 @@
 """Training and test ranges at odd places of a record."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sinew.identify.choice.comparison import split_record
-from sinew.identify.choice.diagnosis import _in_hand
+from sinew.identify.oscillator.comparison import split_record
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.model import MODELS
 from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import RecordingError, SpecError
 
 T = np.arange(0, 6, 0.005)
 GROWING = np.where(T < 2, T / 2, np.exp(-0.8 * (T - 2))) * np.cos(2 * np.pi * 3 * T)
-
-
-def test_a_fit_to_what_lies_before_the_largest_swing_seeks_no_free_decay_behind_it() -> None:
-    kept = np.arange(T.size) < 390
-    found: Any = SimpleNamespace(
-        records=(make_record(T, GROWING),),
-        kept=(kept,),
-        natural_frequency_hz=SimpleNamespace(value=3.0),
-        model=MODELS["linear"],
-    )
-    assert _in_hand(found) == []
 
 
 def test_a_record_of_which_nothing_is_kept_is_refused() -> None:

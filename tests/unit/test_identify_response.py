@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from campaigns.stretches import response_points
+from campaigns.coverage import response_points
 from tests.unit.analysis_sweep import Joint, Sensing, rig_with, sweep
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
@@ -96,19 +96,6 @@ def test_a_turned_phase_and_a_background_are_found_where_they_are_asked_for() ->
         pytest.approx(0.7, abs=0.01),
         pytest.approx(added, rel=0.05),
     )
-
-
-def test_stiffness_may_differ_between_groups_that_share_the_rest() -> None:
-    groups = []
-    for name, factor in (("0 mm", 1.0), ("4 mm", 1.2)):
-        omega = 2 * np.pi * FREQUENCIES_HZ
-        response = 0.65 * omega**2 / (factor * OMEGA**2 - omega**2 + 2j * 0.08 * OMEGA * omega)
-        values, std = scattered(response, 4)
-        units = {"output_unit": "rad", "input_unit": "rad"}
-        groups.append(make_points(FREQUENCIES_HZ, values, std, 0.1, excitation="lever", group=name, **units))
-    found = fit_response(groups, "linear", varying=("stiffness",)).parameters
-    ratio = found["stiffness_per_s2[4 mm]"].value / found["stiffness_per_s2[0 mm]"].value
-    assert ratio == pytest.approx(1.2, rel=1e-3)
 
 
 def test_a_stepped_sine_far_below_resonance_cannot_tell_inertia_from_stiffness() -> None:
@@ -287,8 +274,8 @@ def test_an_analysed_recording_gives_the_points_of_each_pretension_with_the_sens
     joints = [Joint(natural_hz=3.0), Joint(natural_hz=3.6)]
     recording = sweep(joints, np.linspace(2.2, 4.6, 13), sensing=Sensing(), seed=5)
     points = points_of_response(estimate_response(recording, rig_with(Sensing())))
-    found = fit_response(points, "linear", varying=("stiffness", "damping")).parameters
-    hertz = [np.sqrt(found[f"stiffness_per_s2[{name}]"].value) / (2 * np.pi) for name in ("0 mm", "1 mm")]
+    assert [one.group for one in points] == ["0 mm", "1 mm"]
+    hertz = [fit_response(one, "linear").natural_frequency_hz.value for one in points]
     assert hertz == pytest.approx([3.0, 3.6], rel=2e-3)
 
 
@@ -347,20 +334,6 @@ def test_the_delay_of_the_output_is_undone() -> None:
         output_delay_s=0.02,
     )
     assert np.angle(response_points([record])[0].response[0]) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_frequency_of_a_stretch_is_found_in_its_input() -> None:
-    time = np.arange(0, 3, 0.01)
-    wave = np.sin(2 * np.pi * 2.7183 * time)
-    record = make_record(time, noisy(wave, 0.01, 0), wave, excitation="lever")
-    assert response_points([record])[0].frequency_hz[0] == pytest.approx(2.7183, rel=1e-6)
-
-
-def test_a_stretch_of_one_period_is_refused_with_what_to_do() -> None:
-    time = np.arange(0, 0.5, 0.01)
-    wave = np.sin(2 * np.pi * 2 * time)
-    with pytest.raises(RecordingError, match="record at least two"):
-        response_points([make_record(time, wave, wave, excitation="lever")])
 
 
 def test_fewer_points_than_numbers_are_refused() -> None:

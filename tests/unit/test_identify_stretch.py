@@ -68,7 +68,7 @@ def test_the_beat_of_two_modes_is_one_decay() -> None:
 def test_identify_says_which_stretch_it_took() -> None:
     x = np.concatenate([np.zeros(100), np.linspace(0, 0.4, 60), np.full(100, 0.4), decay(0.4)])
     found = sn.identify(record_of(x), "linear")
-    assert "the motion is free from 2." in found.document["message"]
+    assert "the motion is free from 2." in found.to_dict()["message"]
     assert found.fit is not None
     assert found.fit.damping_ratio.low < 0.05 < found.fit.damping_ratio.high
 
@@ -106,7 +106,7 @@ def test_clipped_samples_of_a_decay_are_left_out_and_said() -> None:
     found = sn.identify(replace(record, output=np.clip(record.output, -0.3, 0.3)), "linear")
     assert found.fit is not None
     assert found.fit.damping_ratio.value == pytest.approx(0.05, rel=0.01)
-    assert "the response is clipped at -0.3 and 0.3" in found.document["message"]
+    assert "the response is clipped at -0.3 and 0.3" in found.to_dict()["message"]
 
 
 def test_clipped_samples_that_are_counted_stay_with_a_remark() -> None:
@@ -132,13 +132,13 @@ def test_a_fit_starts_where_analyse_starts_after_a_release(held_s: float, noise_
     free = free_part(record)
     table = pd.DataFrame({"t_s": record.time_s, "x_rad": record.output})
     analysed = sn.analyse(sn.read(table, time="t_s", response="x_rad", kind="ring-down"))
-    assert free.time_s[0] == pytest.approx(analysed.document["start_s"], abs=0.0026)  # half of a sample's 5 ms
+    assert free.time_s[0] == pytest.approx(analysed.start_s, abs=0.0026)  # half of a sample's 5 ms
     assert held_s <= free.time_s[0] < held_s + 0.1
     assert f"the motion is free from {free.time_s[0]:.4g} s on" in free.notes[-1]
 
 
 def test_a_start_before_the_release_is_said_with_a_time_to_try() -> None:
     found = sn.identify(released(6.25), "linear", start_s=6.2)
-    said = re.search(r"probably starts before the release; try --start (\d+\.?\d*)", found.document["message"])
+    said = re.search(r"probably starts before the release; try --start (\d+\.?\d*)", found.to_dict()["message"])
     assert said is not None
     assert 6.25 <= float(said[1]) < 6.4

@@ -8,10 +8,9 @@ from scipy.integrate import solve_ivp
 from tests.unit.identify_signals import OMEGA, motion, noisy
 
 import sinew as sn
-from sinew.identify.choice.comparison import laws_to_try
+from sinew.identify.oscillator.comparison import laws_to_try
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.fitted import Fit, swing_of
-from sinew.identify.oscillator.model import MODELS, get_model
+from sinew.identify.oscillator.model import MODELS, Fit, get_model
 from sinew.identify.oscillator.record import make_record
 from sinew.identify.stepped.points import ResponsePoints, make_points
 from sinew.measure.errors import SpecError
@@ -34,14 +33,6 @@ def holds(found: Fit, name: str, truth: float) -> bool:
 def test_the_drag_of_a_decay_and_the_damping_beside_it_lie_in_their_intervals() -> None:
     assert holds(dragged(0), "drag_per_rad", DRAG)
     assert holds(dragged(0), "damping_per_s", 2 * VISCOUS * OMEGA)
-
-
-def test_with_drag_the_damping_ratio_grows_with_the_amplitude_by_four_over_three_pi() -> None:
-    swing = swing_of(dragged(0))
-    assert swing is not None
-    drag = dragged(0).parameters["drag_per_rad"].value
-    grown = (swing.damping_ratio - dragged(0).damping_ratio.value) / (drag * swing.amplitude)
-    assert grown == pytest.approx(4 / (3 * np.pi), rel=2e-3)
 
 
 YIELDING = {"hysteresis_rad_per_s2": 12.0, "yield_rad": 0.06, "damping_per_s": 2 * VISCOUS * OMEGA}
@@ -72,14 +63,6 @@ def test_the_hysteresis_of_a_decay_and_where_it_yields_lie_in_their_intervals(na
 )
 def test_the_intervals_of_both_terms_hold_nine_truths_in_ten(found, name: str, truth: float) -> None:
     assert sum(holds(found(seed), name, truth) for seed in range(10)) >= 7  # of a binomial law all but 1 %
-
-
-def test_small_swings_under_hysteresis_are_those_of_its_spring_in_parallel() -> None:
-    swing, found = swing_of(yielding(0), largest=0.02), yielding(0).parameters
-    assert swing is not None
-    spring = found["hysteresis_rad_per_s2"].value / found["yield_rad"].value
-    stiff = np.sqrt(found["stiffness_per_s2"].value + spring) / (2 * np.pi)
-    assert swing.frequency_hz[0] == pytest.approx(stiff, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", [name for name in MODELS if name.startswith("bouc-wen")])

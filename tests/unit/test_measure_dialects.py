@@ -22,9 +22,9 @@ from tests.unit.dialects import (
 )
 
 from sinew.measure.errors import SinewError
-from sinew.measure.files.csv import import_csv, read_table
+from sinew.measure.files.csv import read_table
 from sinew.measure.files.runs import notes_of
-from sinew.measure.read import look
+from sinew.measure.read import look, read
 from sinew.measure.units import canonical_unit
 
 ALL = [pytest.param(one, id=one.name) for one in DIALECTS]
@@ -38,7 +38,7 @@ def written(dialect: Dialect, folder: Path) -> Path:
 
 @pytest.mark.parametrize("dialect", ALL)
 def test_the_swing_in_a_file_is_read_with_its_times_and_its_unit(dialect: Dialect, tmp_path: Path) -> None:
-    recording = import_csv(written(dialect, tmp_path), **dialect.options)  # type: ignore[arg-type]
+    recording = read(written(dialect, tmp_path), **dialect.options)  # type: ignore[arg-type]
     unit, factor = canonical_unit(dialect.unit)
     channel = recording["torsion_rad" if unit == "rad" else "response"]
     assert channel.attrs["units"] == unit
@@ -51,7 +51,7 @@ def test_a_file_that_leaves_a_doubt_is_refused_with_the_option_that_settles_it(
     dialect: Dialect, tmp_path: Path
 ) -> None:
     with pytest.raises(SinewError, match=r"\S") as caught:
-        import_csv(written(dialect, tmp_path))
+        read(written(dialect, tmp_path))
     assert dialect.refusal in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -63,7 +63,7 @@ def test_there_are_fifteen_dialects_of_text_and_every_format() -> None:
 
 def test_look_says_what_only_its_reader_knows(tmp_path: Path) -> None:
     (angles,) = [one for one in TEXTS if one.name == "angles_only.txt"]
-    found = look(written(angles, tmp_path)).document
+    found = look(written(angles, tmp_path)).to_dict()
     assert found["missing"] == ["--rate HZ"]
     assert shlex.split(found["command"])[3:5] == ["--rate", "HZ"]
 
@@ -106,7 +106,7 @@ def without_samples(path: Path, hole: str) -> Path:
 @pytest.mark.parametrize("name", ["a.txt", "a.lvm", "a.xlsx"])
 def test_missing_samples_keep_their_place_where_the_time_is_counted(tmp_path: Path, name: str, hole: str) -> None:
     rate = None if name == "a.lvm" else 1 / STEP
-    recording = import_csv(without_samples(tmp_path / name, hole), rate_hz=rate, gaps="split")
+    recording = read(without_samples(tmp_path / name, hole), rate_hz=rate, gaps="split")
     kept = np.delete(np.arange(N), slice(100, 104))
     assert recording["time_s"].values == pytest.approx(kept * STEP)
     assert recording["torsion_rad"].values == pytest.approx(np.radians(SWING[kept]))
@@ -114,34 +114,34 @@ def test_missing_samples_keep_their_place_where_the_time_is_counted(tmp_path: Pa
 
 def test_an_empty_line_below_every_line_is_no_missing_sample(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_bytes("\r\r\n".join(["angle_deg", *rows(SWING)]).encode())
-    assert import_csv(tmp_path / "a.txt", rate_hz=1 / STEP)["time_s"].values == pytest.approx(TIME)
+    assert read(tmp_path / "a.txt", rate_hz=1 / STEP)["time_s"].values == pytest.approx(TIME)
 
 
 @pytest.mark.parametrize(("name", "step_s"), [("millis", 4e-3), ("micros()", 4e-6)])
 def test_the_clock_of_a_microcontroller_states_its_unit_by_its_name(tmp_path: Path, name: str, step_s: float) -> None:
     lines = [f"{name},angle_deg", *rows(4.0 * np.arange(N), SWING)]
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert import_csv(tmp_path / "a.csv")["time_s"].values == pytest.approx(step_s * np.arange(N))
+    assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(step_s * np.arange(N))
 
 
 def test_whole_stamps_without_a_unit_are_said_to_be_taken_for_seconds(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["stamp,angle_deg", *rows(4.0 * np.arange(N), SWING)]))
-    notes = import_csv(tmp_path / "a.csv").attrs["import_notes"]
+    notes = read(tmp_path / "a.csv").attrs["import_notes"]
     assert "whole numbers 4 apart, taken for seconds, for no unit is stated; where they are ms, say it" in notes
 
 
 def test_runs_below_one_another_are_told_by_a_time_that_is_named_without_its_bracket(tmp_path: Path) -> None:
     twice = rows(np.concatenate([TIME, TIME]), np.concatenate([SWING, SMALL]))
     (tmp_path / "a.csv").write_text("\n".join(["Time (s),angle_deg", *twice]))
-    recording = import_csv(tmp_path / "a.csv", time="Time", run=2)
+    recording = read(tmp_path / "a.csv", time="Time", run=2)
     assert recording["torsion_rad"].values == pytest.approx(np.radians(SMALL))
 
 
 def test_lines_that_are_one_decimal_or_two_numbers_are_read_by_how_many_names_there_are(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("\n".join(f"{x:.2f}".replace(".", ",") for x in SWING))
     with pytest.raises(SinewError, match=r"lines as '20,00'.*--columns NAME for one, --columns NAME,NAME for two"):
-        import_csv(tmp_path / "a.txt", rate_hz=1 / STEP, response="1")
-    one = import_csv(tmp_path / "a.txt", rate_hz=1 / STEP, columns="angle_deg")
+        read(tmp_path / "a.txt", rate_hz=1 / STEP, response="1")
+    one = read(tmp_path / "a.txt", rate_hz=1 / STEP, columns="angle_deg")
     assert one["torsion_rad"].values == pytest.approx(np.radians(SWING), abs=1e-4)
     assert list(read_table(tmp_path / "a.txt", columns="a,b").columns) == ["a", "b"]
 
@@ -150,13 +150,13 @@ def test_lines_that_are_one_decimal_or_two_numbers_are_read_by_how_many_names_th
 def test_a_run_that_is_not_there_is_refused_with_the_list(tmp_path: Path, run: int | str) -> None:
     (below,) = [one for one in TEXTS if one.name == "runs_below.csv"]
     with pytest.raises(SinewError, match=r"has no run .*1 'part 1', 2 'part 2'"):
-        import_csv(written(below, tmp_path), run=run)
+        read(written(below, tmp_path), run=run)
 
 
 def test_a_clock_that_passes_midnight_goes_on(tmp_path: Path) -> None:
     times = [f"23:59:59.{k}00" for k in range(5, 10)] + [f"00:00:00.{k}00" for k in range(10)]
     (tmp_path / "a.csv").write_text("time,x\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
-    assert import_csv(tmp_path / "a.csv")["time_s"].values == pytest.approx(np.arange(15) / 10)
+    assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(np.arange(15) / 10)
 
 
 def test_a_format_whose_library_is_missing_is_refused_with_how_to_install_it(
@@ -166,14 +166,14 @@ def test_a_format_whose_library_is_missing_is_refused_with_how_to_install_it(
     file = written(tdms, tmp_path)
     monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
     with pytest.raises(SinewError, match=r"npTDMS reads, and that is not installed; install it: .*\[files\]"):
-        import_csv(file)
+        read(file)
 
 
 def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) -> None:
     (bag,) = [one for one in BINARIES if one.name == "bag.mcap"]
     written(bag, tmp_path)
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
-    assert import_csv(tmp_path, **bag.options).sizes["sample"] == N  # type: ignore[arg-type]
+    assert read(tmp_path, **bag.options).sizes["sample"] == N  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) ->
 def test_a_damaged_or_foreign_file_is_refused_by_its_kind(tmp_path: Path, head: bytes, said: str) -> None:
     (tmp_path / "x.bin").write_bytes(head)
     with pytest.raises(SinewError, match=said):
-        import_csv(tmp_path / "x.bin", time="t", response="x")
+        read_table(tmp_path / "x.bin")
 
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -208,5 +208,5 @@ def test_a_real_table_below_a_block_of_settings_is_found_with_its_header() -> No
 @with_data
 def test_a_real_swing_without_a_header_of_its_own_is_read_by_its_rate() -> None:
     file = DATA / "rotary_pendulum_swing" / "pendulum_free_swing_data_01.txt"
-    recording = import_csv(file, columns="angle_deg", rate_hz=1000)
+    recording = read(file, columns="angle_deg", rate_hz=1000)
     assert recording["torsion_rad"].values == pytest.approx(np.radians(np.loadtxt(file, skiprows=2)))

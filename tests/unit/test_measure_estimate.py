@@ -44,10 +44,6 @@ def test_the_digits_of_a_value_follow_its_uncertainty(value: float, half: float,
     assert pair(value, half) == said
 
 
-def test_an_interval_has_the_decimals_of_its_value() -> None:
-    assert interval(8.40327, 8.40321, 8.40334, "°") == "8.40327 ° (8.40321 to 8.40334)"
-
-
 @pytest.mark.parametrize(("value", "std"), [(2.7123, 0.0123), (1.4, 2.3e-6), (56789.0, 1234.0), (1.23e-5, 2e-7)])
 def test_text_and_brackets_say_the_uncertainty_that_json_holds(value: float, std: float) -> None:
     one = Estimate.normal(value, std)

@@ -1,6 +1,5 @@
 """NetCDF files: whole or not at all, checked on the way in and out."""
 
-import _thread
 import faulthandler
 import os
 import random
@@ -8,8 +7,6 @@ import signal
 import stat
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import netCDF4
@@ -19,7 +16,6 @@ import xarray as xr
 
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.files.netcdf import (
-    _out_of_reach,
     content_hash,
     is_netcdf,
     load_dataset,
@@ -60,20 +56,8 @@ def test_a_recording_comes_back_identical_except_for_its_hash(saved: Path) -> No
     xr.testing.assert_identical(back, recording_of(400))
 
 
-def test_number_types_are_kept(saved: Path) -> None:
-    before, back = recording_of(400), load_recording(saved)
-    assert {name: back[name].dtype for name in back.variables} == {
-        name: before[name].dtype for name in before.variables
-    }
-
-
 def test_the_hash_of_what_was_read_is_the_hash_of_what_was_written(saved: Path) -> None:
     assert content_hash(load_recording(saved)) == content_hash(recording_of(400))
-
-
-def test_a_saved_and_loaded_recording_can_be_saved_again(saved: Path, tmp_path: Path) -> None:
-    save_recording(load_recording(saved), tmp_path / "again.nc")
-    xr.testing.assert_identical(load_recording(tmp_path / "again.nc"), load_recording(saved))
 
 
 @pytest.mark.parametrize("value", [[1, 2], [0.5], ["a", "b"], "", 3, 2.5])
@@ -88,16 +72,13 @@ def test_the_hash_notices_a_changed_unit() -> None:
     assert content_hash(changed) != content_hash(recording_of(400))
 
 
-def test_a_file_that_was_changed_after_writing_is_refused(saved: Path) -> None:
+@pytest.mark.parametrize("of", ["a number", "a text"])
+def test_a_file_that_was_changed_after_writing_is_refused(saved: Path, of: str) -> None:
     with netCDF4.Dataset(saved, "a") as file:
-        file["drive_rad"][17] += 1e-6
-    with pytest.raises(FileError, match="does not match its own content hash"):
-        load_recording(saved)
-
-
-def test_a_file_whose_text_was_changed_after_writing_is_refused(saved: Path) -> None:
-    with netCDF4.Dataset(saved, "a") as file:
-        file.setncattr("rig", "another rig")
+        if of == "a number":
+            file["drive_rad"][17] += 1e-6
+        else:
+            file.setncattr("rig", "another rig")
     with pytest.raises(FileError, match="does not match its own content hash"):
         load_recording(saved)
 
@@ -173,16 +154,6 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
         save_recording(recording_of(400), tmp_path / "x.nc")
 
 
-def test_a_folder_that_refuses_is_reported_and_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("tempfile.mkstemp", refuse)
-    with pytest.raises(FileError, match=r"cannot write .*x\.nc: Permission denied; choose a folder"):
-        save_recording(recording_of(400), tmp_path / "x.nc")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_in_the_place_of_the_file_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
     (tmp_path / "x.nc").mkdir()
     with pytest.raises(FileError, match=r"cannot write .*x\.nc"):
@@ -216,11 +187,9 @@ def test_a_write_that_is_interrupted_leaves_no_temporary_file(tmp_path: Path) ->
 def interrupted_at_random(path: Path, times: int, seed: int) -> None:
     """Write and read a file, broken off at random; prints how often, and ends the process where it stands still."""
 
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
     faulthandler.dump_traceback_later(40, exit=True)
-    signal.signal(signal.SIGALRM, interrupt)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what began in the background
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
     draw, broken_off = random.Random(seed), 0
     data = xr.Dataset({"x": (("n", "k"), np.arange(400_000.0).reshape(-1, 4))})
     save_dataset(data, path)
@@ -244,52 +213,6 @@ def test_an_interrupt_at_any_time_ends_the_writing_and_the_reading(tmp_path: Pat
     assert int(done.stdout) > 20
 
 
-@pytest.mark.parametrize("begins", [True, False])
-def test_what_no_interrupt_reaches_has_ended_or_never_begins_when_the_interrupt_is_told(
-    begins: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[str] = []
-    start = _thread.start_new_thread
-
-    def call() -> None:
-        told.append("begun")
-        time.sleep(0.1)
-        told.append("ended")
-
-    def interrupted(make: Callable[[], None], arguments: tuple[()]) -> None:
-        if begins:
-            start(make, arguments)
-            time.sleep(0.02)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(_thread, "start_new_thread", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        _out_of_reach(call, lambda: None)
-    assert told == ["begun", "ended"] * begins
-
-
-def test_an_interrupt_beside_what_it_does_not_reach_waits_for_its_end() -> None:
-    told: list[str] = []
-
-    def call() -> None:
-        time.sleep(0.1)
-        told.append("ended")
-
-    def meanwhile() -> None:
-        time.sleep(0.02)
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        _out_of_reach(call, meanwhile)
-    assert told == ["ended"]
-
-
-def test_what_a_call_out_of_reach_raises_is_raised() -> None:
-    with pytest.raises(ZeroDivisionError):
-        _out_of_reach(lambda: 1 / 0, lambda: None)
-    assert _out_of_reach(lambda: 1, lambda: 2) == (1, 2)
-
-
 def test_a_written_file_has_the_usual_permissions(saved: Path, tmp_path: Path) -> None:
     (tmp_path / "usual").touch()
     assert stat.S_IMODE(saved.stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
@@ -300,8 +223,7 @@ def test_a_folder_that_is_not_there_yet_is_made(tmp_path: Path) -> None:
     assert is_netcdf(tmp_path / "new" / "folder" / "x.nc")
 
 
-def test_counts_are_deflated_and_noise_is_stored_as_it_is(tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).normal(size=20_000)
-    save_dataset(xr.Dataset({"noise": ("n", noise), "counts": ("n", np.round(noise))}), tmp_path / "both.nc")
+def test_many_numbers_are_deflated(tmp_path: Path) -> None:
+    save_dataset(xr.Dataset({"many": ("n", np.zeros(20_000)), "few": ("k", np.zeros(20))}), tmp_path / "both.nc")
     with netCDF4.Dataset(tmp_path / "both.nc") as file:
-        assert {name: file[name].filters()["zlib"] for name in file.variables} == {"noise": False, "counts": True}
+        assert {name: file[name].filters()["zlib"] for name in file.variables} == {"few": False, "many": True}

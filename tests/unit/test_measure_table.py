@@ -136,13 +136,3 @@ def test_a_cell_without_a_number_is_refused_by_row_and_column(tmp_path: Path, ce
     table = read_table(table_file(tmp_path, "t,a\n" + cells.replace(" ", "\n") + "\n"))
     with pytest.raises(RecordingError, match=said):
         numbers(table, "a")
-
-
-def test_rows_outside_the_selection_are_not_judged(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,a\n0,\n1,2\n2,3\n"))
-    assert numbers(table, "a", slice(1, 3)).tolist() == [2, 3]
-
-
-def test_a_line_of_units_below_the_header_goes_into_the_names(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,a,b_mm\ns,deg,mm\n0,1,2\n"))
-    assert list(table.columns) == ["t [s]", "a [deg]", "b_mm"]

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinew.identify.joint.coordinates import make_coordinates, numbers_of
-from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction, MaxwellSlip
+from sinew.identify.joint.motion import make_coordinates, numbers_of
+from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction
 from sinew.mechanics.parameters import POSITION
 from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
-from sinew.solve.first import free_swing, held_at, swing_loss, swing_stiffness
 from sinew.solve.programs import configure
+from sinew.solve.rest import free_swing, held_at, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 
 configure()
@@ -81,24 +81,6 @@ def test_slipping_guides_take_four_times_torque_and_swing(law: GuideFriction) ->
 def test_springs_that_slide_lose_less_than_dahls_bristle_where_nothing_slips_yet() -> None:
     dahl, slip = (law(0.7, 0.2) for law in GUIDE_LAWS.values())
     assert slip.loss(TENSION, 0.04) < 0.01 * dahl.loss(TENSION, 0.04)
-
-
-def test_a_spring_that_slides_all_at_once_is_elastic_and_perfectly_plastic() -> None:
-    class Plastic(MaxwellSlip):
-        spread = (1.0,)
-
-        @staticmethod
-        def slip(z: float) -> float:
-            return z * abs(z) ** 99
-
-    law = Plastic(0.7, 0.2)
-    t, torsion, (bristle,) = cycle(law, 3 * law.reach)
-    stop = [float(bristle[0])]
-    for step in np.diff(torsion) / law.reach:
-        stop.append(min(1.0, max(-1.0, stop[-1] + step)))
-    assert np.abs(bristle - stop).max() < 0.05
-    work = np.trapezoid(law.torque(TENSION, (bristle,)) * -3 * law.reach * np.sin(t), t)
-    assert work == pytest.approx(4 * law.greatest_torque(TENSION) * 2 * law.reach, rel=0.02)
 
 
 SWING = 0.3  # rad; of the four springs only the first slides

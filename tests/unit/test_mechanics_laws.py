@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from sinew.identify.choice.comparison import laws_to_try
+from sinew.identify.oscillator.comparison import laws_to_try
 from sinew.measure.errors import SpecError
 from sinew.mechanics import laws
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 
-from sinew.mechanics.rod import grid, move_rod, rod_energy, rod_poses
+from sinew.mechanics.rod import move_rod, rod_energy, rod_poses
 from sinew.plan.toml import load_rig
 from sinew.solve.programs import configure
 from sinew.twin.parameters import space_from_rig
@@ -74,9 +74,3 @@ def test_the_energy_of_twist_and_compression_is_rivlins() -> None:
     axial = float(p.axial_rigidity) * LENGTH * (stretch**2 + 2 / stretch - 3)
     expected = 0.5 * (axial + float(p.torsional_rigidity) * 0.7**2 / (LENGTH * stretch))
     assert float(ENERGY(q, ROD)) == pytest.approx(expected, rel=1e-12)
-
-
-def test_the_nodes_sum_polynomials_of_degree_eleven_exactly() -> None:
-    g = grid()
-    share = 0.5 + 0.5 * g.at_nodes[:, 1]
-    assert float(g.weights @ share**11) == pytest.approx(1 / 12, rel=1e-12)

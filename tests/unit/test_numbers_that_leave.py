@@ -4,18 +4,19 @@ import re
 
 import numpy as np
 import pytest
-from tests.unit.figures_sample import sample_recording, sample_results
+from tests.unit.figures_sample import sample_results
 
-from sinew.analysis.analysed import Analysed, results_document
+from sinew.analysis.analysed import recording_result
 from sinew.figures.page import measured_tables
 from sinew.measure.files.tables import latex_table, tables_of
-from sinew.measure.told import Table
-from sinew.paper.summary import summarise
+from sinew.measure.result import Table
+from sinew.paper.campaign import summarise
 
 PRETENSIONS, FREQUENCIES = (0.0, 12.0), np.linspace(2.0, 5.0, 13)
 RESULTS = sample_results(PRETENSIONS, FREQUENCIES)
 RESULTS["distortion"].values[:] = 0.0  # a point without it counts as not measured
-DOCUMENT = results_document(RESULTS)
+FOUND = recording_result(RESULTS)
+DOCUMENT = FOUND.to_dict()
 
 
 def uncertainty(text: str) -> float:
@@ -53,8 +54,7 @@ def test_page_and_latex_say_the_uncertainty_of_the_document(part: str, name: str
 
 
 def test_a_terminal_says_the_uncertainty_of_the_document() -> None:
-    told = Analysed(DOCUMENT, sample_recording(PRETENSIONS, FREQUENCIES), RESULTS).told()
-    table = next(one for one in told if isinstance(one, Table) and "gain" in one.columns)
+    table = next(one for one in FOUND.blocks() if isinstance(one, Table) and "gain" in one.columns)
     cells = [row[table.columns.index("gain")] for row in table.rows]
     expected = [row["gain_std"] for row in DOCUMENT["response"]]
     assert [uncertainty(cell) for cell in cells] == pytest.approx(expected, rel=0.15)

@@ -23,12 +23,9 @@ class Computer:
         return self._now
 
 
-def test_on_an_idle_computer_patience_is_wall_time() -> None:
-    assert Computer(1.0).looks(10.0) == 10
-
-
-def test_where_a_fifth_of_a_core_is_to_be_had_it_lasts_five_times_as_long() -> None:
-    assert Computer(0.2).looks(10.0) == pytest.approx(50, abs=1)
+@pytest.mark.parametrize(("share", "looks"), [(1.0, 10), (0.2, 50)])
+def test_patience_lasts_longer_as_less_of_a_core_is_to_be_had(share: float, looks: int) -> None:
+    assert Computer(share).looks(10.0) == pytest.approx(looks, abs=0 if share == 1 else 1)
 
 
 def test_it_is_bounded_whatever_the_load() -> None:

@@ -3,6 +3,7 @@
 import math
 import re
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,6 @@ from sinew.plan.toml import (
     parse_plan,
     parse_rig,
     plan_faults,
-    read_spec,
 )
 
 ROOT = Path(__file__).parents[2]
@@ -48,16 +48,36 @@ def test_a_file_comes_before_a_shipped_name(here: Path) -> None:
     assert load_plan("paper.toml").name == "mine"
 
 
-@pytest.mark.parametrize("name", list_shipped("rigs"))
-def test_a_shipped_rig_is_in_the_form_that_dump_gives(name: str) -> None:
-    text = (ROOT / "rigs" / f"{name}.toml").read_text(encoding="utf-8")
-    assert dump_rig(parse_rig(text)) == text
+@pytest.mark.parametrize(
+    ("name", "again"),
+    [
+        *((f"rigs/{name}", lambda text: dump_rig(parse_rig(text))) for name in list_shipped("rigs")),
+        *((f"plans/{name}", lambda text: dump_plan(parse_plan(text))) for name in list_shipped("plans")),
+    ],
+)
+def test_what_is_shipped_is_in_the_form_that_dump_gives(name: str, again: Callable[[str], str]) -> None:
+    text = (ROOT / f"{name}.toml").read_text(encoding="utf-8")
+    assert again(text) == text
+    assert name.startswith("rigs") or plan_faults(text) == []
 
 
-@pytest.mark.parametrize("name", list_shipped("plans"))
-def test_a_shipped_plan_is_in_the_form_that_dump_gives(name: str) -> None:
-    text = (ROOT / "plans" / f"{name}.toml").read_text(encoding="utf-8")
-    assert dump_plan(parse_plan(text)) == text
+def test_a_rig_that_is_changed_keeps_the_comments_of_its_file_and_the_lines_of_what_is_the_same() -> None:
+    mine = RIG_TEXT.replace("[tendons]\ncount = 4\n", "# of steel\n[tendons]\ncount = 4  # two pairs\n\n# by hand\n")
+    changed = parse_rig(mine).with_values({"tendons.pulley_radius": 0.013})
+    text = dump_rig(changed, f"# made on Monday\n{mine}")
+    assert parse_rig(text) == changed
+    before, after = mine.splitlines(), text.splitlines()
+    assert [line for line in before if line not in after] == [one for one in before if one.startswith("pulley_radius")]
+    assert "made on Monday" not in text
+
+
+def test_a_section_that_a_changed_rig_lacks_goes_from_its_file_and_a_new_one_comes() -> None:
+    rig, curved = parse_rig(RIG_TEXT), load_rig("curved")
+    assert rig.wiring is not None
+    found = rig.model_copy(update={"wiring": rig.wiring.model_copy(update={"measured": ("baud",), "reads": "fast"})})
+    for one, other in ((rig, curved), (rig, rig.model_copy(update={"space": None})), (rig, found)):
+        assert parse_rig(dump_rig(other, dump_rig(one))) == other
+        assert parse_rig(dump_rig(one, dump_rig(other))) == one
 
 
 def test_a_unit_of_the_file_becomes_si_without_a_rounding_error() -> None:
@@ -88,12 +108,12 @@ RIG_FAULTS = {
     "missing entry of a list": (
         r"pretension_mm = \[0, 16\]",
         "pretension_mm = [0]",
-        "rig key limits.pretension_mm, second entry is missing; expected 2 entries",
+        "rig key limits.pretension_mm, entry 2 is missing; expected at least 2 entries",
     ),
     "missing entry of a list in a list": (
         r"\[bus\]",
         "[section]\nhull_mm = [[0, 0], [10, 0], [10]]\n[bus]",
-        "section.hull_mm, third entry, second entry is missing; expected 2 entries",
+        "section.hull_mm, entry 3, entry 2 is missing; expected at least 2 entries",
     ),
     "number instead of a parameter": (
         r"\[bus\]\nstamp_jitter = {",
@@ -161,7 +181,7 @@ PLAN_FAULTS = {
     "negative pretension": (
         "pretension_mm = [0, 1, 2,",
         "pretension_mm = [0, -1, 2,",
-        "plan key pretension.pretension_mm, second entry: found -1, expected greater than or equal to 0",
+        "plan key pretension.pretension_mm, entry 2: found -1, expected greater than or equal to 0",
     ),
     "text for a number": (
         "amplitude_deg = 20",
@@ -195,13 +215,8 @@ def test_of_several_faults_four_are_told_and_the_rest_counted() -> None:
     with pytest.raises(SpecError, match=r"sweep\.settle_s: found -3.*; plan key sweep\.periods: found 0") as caught:
         parse_plan(text)
     assert "more" not in str(caught.value)
-    with pytest.raises(SpecError, match=r"fourth entry: found -4, expected greater than 0; 4 more faults$"):
+    with pytest.raises(SpecError, match=r"entry 4: found -4, expected greater than 0; 4 more faults$"):
         parse_plan(PLAN_TEXT.replace(" 1.5,", " -1, -2, -3, -4, -5, -6, -7, -8,"))
-
-
-def test_a_misspelt_key_is_not_counted_again_as_missing() -> None:
-    with pytest.raises(SpecError, match=r"did you mean pulley_radius\?$"):
-        parse_rig(RIG_TEXT.replace("pulley_radius  ", "pully_radius  "))
 
 
 def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
@@ -265,11 +280,6 @@ def test_a_plan_of_ten_thousand_pretensions_is_refused_with_a_sentence() -> None
         parse_plan(text.replace("{}", f"[{many}]"))
 
 
-def test_a_plan_of_ten_thousand_frequencies_is_refused_with_a_sentence() -> None:
-    with pytest.raises(ValidationError, match=r"found 10000 frequencies, expected at most 5000"):
-        Sweep(frequency_hz=tuple(1 + number / 1000 for number in range(10_000)))
-
-
 @pytest.mark.parametrize(
     "sweep",
     [
@@ -281,11 +291,6 @@ def test_a_plan_of_ten_thousand_frequencies_is_refused_with_a_sentence() -> None
 def test_a_plan_that_would_last_for_years_is_refused_before_anything_is_made_of_it(sweep: Sweep) -> None:
     with pytest.raises(ValidationError, match="samples in the whole campaign, expected at most"):
         Plan(name="long", pretension=Pretension(pretension_mm=(1.0, 2.0)), sweep=sweep)
-
-
-def test_a_folder_does_not_hide_the_shipped_rig_of_its_name(here: Path) -> None:
-    (here / "paper").mkdir()
-    assert load_rig("paper").name == "paper"
 
 
 PLACED = """\
@@ -325,18 +330,16 @@ def test_the_faults_of_a_plan_are_at_their_lines(before: str, after: str, lines:
 
 def test_every_fault_of_a_list_is_told_with_what_stands_there() -> None:
     text = PLACED.replace("-1", "9").replace("[3, 4]", "[3, -4, 2, 900, 'x']")
-    told = [fault.sentence for fault in plan_faults(text, load_rig("paper"))]
-    assert told == [
-        "plan key sweep.frequency_hz, second entry: found -4, expected greater than 0",
-        "plan key sweep.frequency_hz, fifth entry: found 'x', expected a valid number",
-        "plan key sweep.frequency_hz: found 3 to 2, expected that it increases from one entry to the next",
+    assert [fault.sentence for fault in plan_faults(text, load_rig("paper"))] == [
+        "plan key sweep.frequency_hz, entry 2: found -4, expected greater than 0",
+        "plan key sweep.frequency_hz, entry 5: found 'x', expected a valid number",
     ]
 
 
-def test_a_limit_of_the_rig_is_told_at_its_line_beside_what_is_no_plan() -> None:
-    text = PLACED.replace("[3, 4]", "[3, -4, 30, 900]").replace("8,", "99,")
+def test_limits_of_the_rig_are_told_at_their_lines() -> None:
+    text = PLACED.replace("-1", "6").replace("[3, 4]", "[3, 30]").replace("8,", "99,")
     told = [(fault.line, fault.is_limit) for fault in plan_faults(text, load_rig("paper"))]
-    assert told == [(4, True), (6, False), (11, False), (11, True)]
+    assert told == [(4, True), (11, True)]
 
 
 def test_a_fault_of_a_dotted_key_is_at_its_line() -> None:
@@ -348,11 +351,6 @@ def test_a_section_that_is_missing_is_a_fault_of_the_whole_plan() -> None:
     (fault,) = plan_faults('name = "short"\n[sweep]\nfrequency_hz = [3]\n')
     assert fault.line is None
     assert fault.sentence.startswith("plan key pretension is missing")
-
-
-@pytest.mark.parametrize("name", list_shipped("plans"))
-def test_a_shipped_plan_has_no_faults(name: str) -> None:
-    assert plan_faults(read_spec("plans", name)) == []
 
 
 def test_lines_are_not_looked_for_without_end() -> None:

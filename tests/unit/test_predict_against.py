@@ -16,7 +16,7 @@ from sinew.measure.recording import Segment, build_recording
 from sinew.mechanics.joint import potential
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.against import Comparison, Reading, error_of, estimate_at, measured_of, scores_of
+from sinew.predict.against import Comparison, Reading, error_of, measured_of, met_at, scores_of
 from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.solve.balance import Size
 from sinew.solve.curves import predict
@@ -136,7 +136,7 @@ def comparison() -> Comparison:
     frequency = reading([3.0, 4.0, 5.0], [3.03, 4.0, 4.9], 0.02)
     phase = reading([1.0, 2.0, np.nan], [1.1, 1.9, np.nan], 0.2)
     fitted = np.array([True, False, False])
-    return Comparison(np.array([0.0, 4.0, 8.0]), NONE, fitted, {"phase_lag_rad": phase}, {"resonance_hz": frequency})
+    return Comparison(np.array([0.0, 4.0, 8.0]), NONE, fitted, {"phase_lag_deg": phase}, {"resonance_hz": frequency})
 
 
 def test_scores_are_relative_for_numbers_and_differences_for_angles() -> None:
@@ -146,14 +146,14 @@ def test_scores_are_relative_for_numbers_and_differences_for_angles() -> None:
     assert whole.largest == pytest.approx(0.02)
     assert whole.rms == pytest.approx(math.sqrt((0.01**2 + 0.02**2) / 3))
     assert whole.inside == pytest.approx(2 / 3)
-    assert scores["all"]["phase_lag_rad"].rms == pytest.approx(0.1)
+    assert scores["all"]["phase_lag_deg"].rms == pytest.approx(0.1)
 
 
 def test_scores_tell_what_was_fitted_from_what_was_not() -> None:
     scores = scores_of(comparison())
     assert scores["fitted"]["resonance_hz"].largest == pytest.approx(0.01)
     assert scores["others"]["resonance_hz"].rms == pytest.approx(0.02 / math.sqrt(2))
-    assert scores["others"]["phase_lag_rad"].count == 1
+    assert scores["others"]["phase_lag_deg"].count == 1
 
 
 def test_the_noise_of_a_score_is_that_of_the_measurement() -> None:
@@ -163,10 +163,12 @@ def test_the_noise_of_a_score_is_that_of_the_measurement() -> None:
 
 def test_an_error_has_the_interval_of_the_measurement_turned_round() -> None:
     c = comparison()
-    measured, predicted, error = estimate_at("resonance_hz", c.readings["resonance_hz"], (0,))
-    assert (measured.value, predicted) == (3.0, 3.03)
-    assert error.value == pytest.approx(0.01)
-    assert error.low == pytest.approx(3.03 / 3.04 - 1)
-    assert error.high == pytest.approx(3.03 / 2.96 - 1)
-    low, high = error_of("phase_lag_rad", c.points["phase_lag_rad"])[2:]
+    met = met_at("resonance_hz", c.readings["resonance_hz"], (0,))
+    assert met is not None
+    assert (met.measured.value, met.predicted) == (3.0, 3.03)
+    assert met.error.value == pytest.approx(0.01)
+    assert met.error.low == pytest.approx(3.03 / 3.04 - 1)
+    assert met.error.high == pytest.approx(3.03 / 2.96 - 1)
+    assert met_at("phase_lag_deg", c.points["phase_lag_deg"], (2,)) is None
+    low, high = error_of("phase_lag_deg", c.points["phase_lag_deg"])[2:]
     assert [low[0], high[0]] == pytest.approx([-0.3, 0.5])

@@ -110,17 +110,17 @@ def test_dry_friction_is_the_damper_that_takes_up_as_much_work() -> None:
     omega = 2 * np.pi * found.curve.frequency_hz
     expected = 2 * 0.02 * np.sqrt(STIFFNESS * INERTIA) + 4 * 0.02 / (np.pi * omega * found.curve.amplitude)
     equivalent = equivalent_of_oscillator(found.curve, one, found.share)
-    assert equivalent.damping[large] == pytest.approx(expected[large], rel=1e-3)
+    assert equivalent.damping_n_m_s_rad[large] == pytest.approx(expected[large], rel=1e-3)
     assert found.curve.frequency_hz[large] == pytest.approx(NATURAL_HZ, rel=1e-3)
 
 
-def test_the_spring_that_takes_the_fundamentals_place_is_that_of_the_describing_function() -> None:
+def test_the_spring_that_takes_the_fundamentals_place_hardens_by_three_quarters_of_the_cubic_term() -> None:
     # ∫ k₃ A³ sin³ sin / ∫ A sin² = 3/4 k₃ A², where the third harmonic is small; not only at 90°.
     one = oscillator(cubic=0.6, damping_ratio=0.05, torque=0.2)
     branch = curve(one)
     equivalent = equivalent_of_oscillator(branch, one)
-    assert equivalent.stiffness == pytest.approx(STIFFNESS + 0.75 * 0.6 * branch.fundamental**2, rel=2e-4)
-    assert equivalent.damping_ratio == pytest.approx(0.05 * np.sqrt(STIFFNESS / equivalent.stiffness), rel=2e-3)
+    assert equivalent.stiffness_n_m_rad == pytest.approx(STIFFNESS + 0.75 * 0.6 * branch.fundamental**2, rel=2e-4)
+    assert equivalent.damping_ratio == pytest.approx(0.05 * np.sqrt(STIFFNESS / equivalent.stiffness_n_m_rad), rel=2e-3)
 
 
 def test_the_third_harmonic_of_a_weakly_cubic_spring_is_that_of_the_perturbation_series() -> None:
@@ -135,14 +135,6 @@ def test_the_second_harmonic_of_a_weakly_quadratic_spring_is_that_of_the_perturb
     shares = harmonic_shares(found)
     assert set(shares) == {2, 3, 4, 5}
     assert shares[2][-1] == pytest.approx(0.3 * found.amplitude[-1] / (6 * STIFFNESS), rel=0.02)
-
-
-def test_oscillators_in_one_call_have_the_backbones_of_calls_of_their_own() -> None:
-    several = [oscillator(cubic=6.0), oscillator(cubic=3.0, frequency_hz=2.5), oscillator(frequency_hz=9.0)]
-    together = follow_backbones(oscillator_problem(several, BAND_HZ), BAND_HZ, resolution_of(several))
-    alone = backbone(several[0]).curve
-    assert together[0].curve.frequency_hz[-1] == pytest.approx(alone.frequency_hz[-1], rel=1e-10)
-    assert [one.curve.complete for one in together] == [True, True, False]
 
 
 def test_a_band_without_resonance_gives_no_points_and_a_sentence() -> None:

@@ -110,12 +110,6 @@ def test_between_the_folds_a_sweep_up_meets_the_large_and_a_sweep_down_the_small
     assert down == pytest.approx(three[:, 0], rel=0.02)
 
 
-def test_a_sweep_beyond_the_curve_meets_nothing(hardening: Branch) -> None:
-    for direction in ("up", "down"):
-        found = sweep(hardening, np.array([1.0, 1.5, 5.5, 6.0]), direction).amplitude
-        assert np.isfinite(found).tolist() == [False, True, True, False]
-
-
 def test_a_fold_has_an_interval_from_the_draws_that_have_as_many() -> None:
     cubics = np.linspace(5.5, 6.5, 9)
     nominal, soft, *drawn = curves([oscillator(cubic=float(c)) for c in (CUBIC, 0.1, *cubics)])

@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from campaigns.rests import PlainJoint, least
 from scipy import io
 from scipy.spatial.transform import Rotation
+from tests.experiments.rests import PlainJoint, least
 
 from sinew.apps.cli import main
 from sinew.measure.arrays import Complexes
@@ -20,8 +20,8 @@ from sinew.plan.toml import load_rig
 from sinew.predict.bent import INPUTS, OUTPUTS, SLOW_HZ, driven, response, servo_speed, spinal_engine, state_space
 from sinew.predict.linear import linear_joints
 from sinew.predict.modes import Asked, Finder
+from sinew.solve.march import swing
 from sinew.solve.spatial import Linear, patterns, slow_down
-from sinew.solve.swing import swing
 
 FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0, 9.3, 11.0])
 MM = 12.0
@@ -58,7 +58,10 @@ def off(found: Complexes, whole: Complexes) -> float:
 
 def test_files_of_a_bent_joint_give_its_response_to_other_programs(finder: Finder, tmp_path: Path) -> None:
     """Each file is read anew; the response is worked out from its matrices here, and by python-control where it is."""
-    assert main(["transfer", "paper", "--pretension-mm", "12", "--bend-deg", "30", "--out", str(tmp_path)]) == 0
+    assert (
+        main(["model", "paper", "--to", "control", "--pretension-mm", "12", "--bend-deg", "30", "--out", str(tmp_path)])
+        == 0
+    )
     linear, space = finder.linear(MM, 30)
     whole = response(linear, space, finder.at(MM, 30).coordinates, FREQUENCIES[:4])
     (told,) = json.loads((tmp_path / "transfer.json").read_text(encoding="utf-8"))["space"]
@@ -89,7 +92,7 @@ def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) ->
     slower = 1 / math.sqrt(1 + rod / (rig.inertia.head.value + rig.inertia.lever.value))
     assert mine.frequency_hz == pytest.approx(other.frequency_hz * slower, rel=5e-4)
     assert mine.damping_ratio == pytest.approx(other.damping_ratio, rel=5e-3)
-    static = plain.lever.channel("torsion_rad", "torque_n_m").static
+    static = plain.lever.channel("torsion_rad", "torque_n_m").static_gain
     found = system.response([1e-4])[0, OUTPUTS.index("torsion_rad"), INPUTS.index("torque_n_m")]
     assert found.real == pytest.approx(static, rel=2e-3)
 

@@ -35,14 +35,14 @@ def test_without_json_there_is_a_table(capsys: pytest.CaptureFixture[str]) -> No
 
 
 @command_lines(f"""
-    => either a RIG or --oscillator
-    paper --oscillator {OSCILLATOR} => either a RIG or --oscillator
+    => expected a RIG, FIT.json, --oscillator, or options of a joint
+    paper --oscillator {OSCILLATOR} => and this is an oscillator
     --oscillator {OSCILLATOR} => --torque-n-m or --base-deg
     --oscillator mass=1 --torque-n-m 1 => mass=1
     --oscillator frequency_hz=3 --torque-n-m 1 => lacks inertia_kg_m2
     --oscillator frequency_hz=x --torque-n-m 1 => found 'x', expected a number
     --oscillator {OSCILLATOR} --torque-n-m 1 --from-hz 4 --to-hz 2 => from 4 to 2 Hz
-    paper --torque-n-m 1 => --amplitude-deg
+    paper --torque-n-m 1 => --torque is for a fit (FIT.json) or an oscillator (--oscillator), and this is a rig
     paper --pretension-mm -1 => cables cannot push
     paper --mode velocity => 'velocity', expected one of
 """)

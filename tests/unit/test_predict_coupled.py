@@ -8,8 +8,7 @@ import pytest
 
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import tilt_from, torsion_of
-from sinew.plan.plan import Group
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Group, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.bent import response
@@ -115,7 +114,7 @@ def test_a_large_swing_is_that_of_a_simulation(rig: RigSpec) -> None:
     tilt = fundamental(tilt_from(orientation, group.pose.bend_rad, group.pose.azimuth_rad)[:, 1], hz)
     assert abs(one.seen.torsion[near, 1]) == pytest.approx(abs(torsion), rel=0.01)
     assert abs(one.seen.across[near, 1]) == pytest.approx(abs(tilt), rel=0.02)
-    assert one.lag[near] == pytest.approx(-np.angle(torsion / lever), abs=math.radians(1.0))
+    assert one.torsion_lag_deg[near] == pytest.approx(-math.degrees(np.angle(torsion / lever)), abs=1.0)
 
 
 def _quaternions(rotations: Array) -> Array:

@@ -40,10 +40,6 @@ def test_a_calibration_comes_back_from_the_text_of_a_rig() -> None:
     assert (rig.calibration.recordings, rig.calibration.pretension_mm) == (("monday.nc (0123456789ab)",), (0.0, 4.0))
 
 
-def test_a_rig_without_a_calibration_has_no_such_table_in_its_text() -> None:
-    assert "[calibration]" not in dump_rig(RIG)
-
-
 def test_a_rig_with_other_values_was_not_calibrated_to_them() -> None:
     assert calibrated().with_values({TENSION: 9.0}).calibration is None
 

@@ -6,7 +6,7 @@ import pytest
 
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.preview import expected_of, preview_plan, sentences_of
+from sinew.predict.expected_response import expected_of, preview_plan, sentences_of
 
 RIG = load_rig("paper")
 

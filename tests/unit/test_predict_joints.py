@@ -12,14 +12,13 @@ from tools.write_materials import materials_text
 
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.silicone import compressive_load, silicone_energy, twist_rigidity
-from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.band import spread_of
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
+from sinew.predict.joints.design import Design, design_rig, section_of
 from sinew.predict.joints.material import fit_tensile, list_materials, load_material
-from sinew.predict.joints.section import annulus_section, circle_section, ellipse_section, rectangle_section
+from sinew.predict.joints.section import annulus_section, circle_section, ellipse_section
 from sinew.predict.joints.validity import (
     bonded_axial_factor,
     bonded_torsion_factor,
@@ -47,9 +46,9 @@ def test_a_neo_hookean_curve_with_slack_gives_its_modulus_back() -> None:
     strain = np.linspace(0.05, 1.5, 60)
     stretch = (1 + strain) / 1.03
     found = fit_tensile(strain, 2e5 * (stretch - stretch**-2))
-    assert found.shear_modulus.value == pytest.approx(2e5, rel=1e-6)
+    assert found.shear_modulus_pa.value == pytest.approx(2e5, rel=1e-6)
     assert found.slack == pytest.approx(0.03, rel=1e-5)
-    assert found.shear_modulus.std > 0
+    assert found.shear_modulus_pa.std > 0
 
 
 def test_a_curve_that_ends_early_is_refused() -> None:
@@ -116,19 +115,6 @@ def test_what_a_design_changes_is_marked_as_assumed_and_the_rest_is_not_touched(
     assert rig.tendons.free_span.value == pytest.approx(0.12)
 
 
-def test_a_designed_rig_comes_back_from_its_file() -> None:
-    rig = design_rig(PAPER, Design(section=rectangle_section(0.05, 0.03), material=load_material("ecoflex-00-50")))
-    assert parse_rig(dump_rig(rig)) == rig
-    assert shear_modulus_of(rig) == pytest.approx(load_material("ecoflex-00-50").shear_modulus.value)
-
-
-def test_a_design_from_a_rig_with_a_section_keeps_it() -> None:
-    tube = design_rig(PAPER, Design(section=annulus_section(0.06, 0.03)))
-    longer = design_rig(tube, Design(length=0.2))
-    assert longer.section == tube.section
-    assert longer.silicone.torsional_rigidity == tube.silicone.torsional_rigidity
-
-
 @pytest.mark.parametrize(
     ("design", "sentence"),
     [
@@ -141,12 +127,6 @@ def test_a_design_from_a_rig_with_a_section_keeps_it() -> None:
 def test_a_design_that_cannot_be_meant_is_refused(design: Design, sentence: str) -> None:
     with pytest.raises(SpecError, match=sentence):
         design_rig(PAPER, design)
-
-
-def test_a_section_with_an_unknown_key_is_refused() -> None:
-    text = dump_rig(design_rig(PAPER, Design(section=annulus_section(0.06, 0.03))))
-    with pytest.raises(SpecError, match="did you mean area"):
-        parse_rig(text.replace("\narea ", "\narae "))
 
 
 def column(load: float, tilt_stiffness: float, elements: int = 12) -> float:
@@ -267,20 +247,9 @@ def test_ends_that_hold_the_warping_stiffen_as_vlasovs_equation_says() -> None:
     assert torque[25] / (torsion / length) == pytest.approx(bonded_torsion_factor(torsion, warping, length), rel=1e-6)
 
 
-def test_ends_change_little_where_the_joint_is_long() -> None:
-    assert bonded_torsion_factor(1.0, 1e-4, 100.0) == pytest.approx(1, abs=1e-3)
-    assert bonded_torsion_factor(1.0, 0.0, 1.0) == 1.0
-    assert bonded_axial_factor(np.pi * 0.05**2 / 4, np.pi * 0.05, 10.0) == pytest.approx(1, abs=1e-3)
-
-
 def test_a_squat_block_between_plates_follows_the_shape_factor_of_gent_and_lindley() -> None:
     # A cylinder: S = d/(4 L).
     assert bonded_axial_factor(np.pi * 0.05**2 / 4, np.pi * 0.05, 0.02) == pytest.approx(1 + 2 * (0.05 / 0.08) ** 2)
-
-
-def test_the_largest_strain_is_that_of_simple_shear_or_of_plain_compression() -> None:
-    assert largest_strain(0.6, 1.0) == pytest.approx(0.3 + np.sqrt(1 + 0.09) - 1)
-    assert largest_strain(0.0, 0.81) == pytest.approx(1 / 0.9 - 1)
 
 
 def test_the_largest_strain_is_the_largest_singular_value_of_the_deformation() -> None:
@@ -304,16 +273,17 @@ def checks(rig: RigSpec, mode: str = "position", torsion_deg: float = 30.0) -> d
     pretension = [0.0, 12.0]
     problem = joint_problem(rig, pretension, 20.0, (1.0, 6.0), mode=mode)  # type: ignore[arg-type]
     loads = loads_of(problem, np.radians([torsion_deg, torsion_deg]))
-    return {c.name: (c.holds, c.value) for c in check_joint(rig, pretension, loads, tilt_held=mode != "current")}
+    return {c.check: (c.holds, c.value) for c in check_joint(rig, pretension, loads, tilt_held=mode != "current")}
 
 
 def test_every_assumption_holds_for_the_papers_calibrated_joint() -> None:
     assert {name for name, (holds, _) in checks(PAPER).items() if not holds} == set()
 
 
-def test_a_diameter_that_nobody_calibrated_knows_nothing_of_bonded_ends() -> None:
-    rig = design_rig(PAPER, Design(section=circle_section(PAPER.silicone.diameter.value)))
-    assert not checks(rig)["bonded_ends_axial"][0]
+# Of finite elements, incompressible neo-Hookean and axisymmetric, 8 by 24 elements: decision 15.
+@pytest.mark.parametrize(("slenderness", "solid"), [(1.0, 0.1975), (1.7, 0.1065), (3.0, 0.0578)])
+def test_the_factor_of_bonded_ends_is_that_of_finite_elements(slenderness: float, solid: float) -> None:
+    assert bonded_axial_factor(np.pi, 2 * np.pi, 2 * slenderness) - 1 == pytest.approx(solid, rel=0.02)
 
 
 def test_a_slender_soft_joint_buckles_sideways_under_its_tendons() -> None:
@@ -323,29 +293,21 @@ def test_a_slender_soft_joint_buckles_sideways_under_its_tendons() -> None:
     assert checks(rig, "current")["buckling_sideways"][1] > found["buckling_sideways"][1]  # type: ignore[operator]
 
 
-def test_a_flat_section_is_told_to_warp_and_to_twist() -> None:
-    found = checks(design_rig(PAPER, Design(section=ellipse_section(0.09, 0.02))))
-    assert not found["bonded_ends_torsion"][0]
-    assert not found["buckling_by_twisting"][0]
+@pytest.mark.parametrize(
+    ("design", "broken"),
+    [
+        (Design(section=circle_section(PAPER.silicone.diameter.value)), {"bonded_ends_axial"}),  # nobody calibrated it
+        (Design(section=ellipse_section(0.09, 0.02)), {"bonded_ends_torsion", "buckling_by_twisting"}),
+        (Design(length=0.04), {"slenderness", "bonded_ends_axial"}),
+    ],
+    ids=["not calibrated", "flat", "stubby"],
+)
+def test_what_beam_theory_does_not_know_of_a_joint_is_told(design: Design, broken: set[str]) -> None:
+    assert broken <= {name for name, (holds, _) in checks(design_rig(PAPER, design)).items() if not holds}
 
 
 def test_a_wide_swing_is_told_of() -> None:
     assert checks(PAPER, torsion_deg=100.0)["torsion_deg"] == (False, pytest.approx(100.0))
-
-
-def test_a_stubby_joint_is_no_beam() -> None:
-    found = checks(design_rig(PAPER, Design(length=0.04)))
-    assert not found["slenderness"][0]
-    assert not found["bonded_ends_axial"][0]
-
-
-def test_the_sections_parameters_are_parameters_of_the_rig() -> None:
-    rig = design_rig(PAPER, Design(section=annulus_section(0.06, 0.03)))
-    table = dict(rig.parameters())
-    assert isinstance(table["section.torsion_constant"], Parameter)
-    larger = rig.with_values({"section.area": 2.5e-3})
-    assert larger.section is not None
-    assert larger.section.area.value == 2.5e-3
 
 
 def test_a_material_brings_the_interval_of_its_modulus_into_the_rig_and_its_file() -> None:
@@ -354,5 +316,7 @@ def test_a_material_brings_the_interval_of_its_modulus_into_the_rig_and_its_file
     rigidity = rig.silicone.torsional_rigidity
     assert rigidity.interval90 is not None
     half = (rigidity.interval90[1] - rigidity.interval90[0]) / 2
-    assert half / rigidity.value == pytest.approx(1.645 * known.shear_modulus.std / known.shear_modulus.value, rel=1e-3)
+    assert half / rigidity.value == pytest.approx(
+        1.645 * known.shear_modulus_pa.std / known.shear_modulus_pa.value, rel=1e-3
+    )
     assert spread_of(rig)[0] == ("silicone.torsional_rigidity",)

@@ -26,14 +26,14 @@ def test_round_off_is_no_uncertainty_and_no_drift(exact: Analysed) -> None:
 
 
 def test_an_exact_decay_is_an_exponential_without_a_test_of_it(exact: Analysed) -> None:
-    assert exact.document["exponential"]
-    assert "round-off" in exact.document["reason"]
-    assert "p =" not in exact.document["reason"]
+    assert exact.to_dict()["exponential"]
+    assert "round-off" in exact.to_dict()["reason"]
+    assert "p =" not in exact.to_dict()["reason"]
 
 
 def test_an_exact_decay_has_no_misfit(exact: Analysed) -> None:
-    decay = exact.document["decay_rate_per_s"]
-    assert exact.document["misfit"] == ""
+    decay = exact.to_dict()["decay_rate_per_s"]
+    assert exact.to_dict()["misfit"] == ""
     assert decay["value"] == pytest.approx(RATE, rel=1e-9)
     assert decay["std"] < 1e-9 * RATE
 

@@ -1,10 +1,8 @@
 """The comparison of two records of the same numbers: it bites where it must, and only there."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from campaigns.same_numbers import FLOOR, VOLATILE, difference, relative_difference, routes
+from campaigns.same_numbers import FLOOR, VOLATILE, difference, relative_difference
 
 BEFORE = {
     "predict": {
@@ -98,9 +96,3 @@ def test_of_what_ran_in_real_time_the_keys_alone_are_compared() -> None:
     keys_only = ["run"]
     assert difference({"run": {"ms": 1.0}}, {"run": {"ms": 2.0}}, keys_only=keys_only).is_none
     assert not difference({"run": {"ms": 1.0}}, {"run": {}}, keys_only=keys_only).is_none
-
-
-def test_a_route_is_found_in_the_source_however_it_is_declared(tmp_path: Path) -> None:
-    text = '@ui.page("/plan")\nRoute(\n    "/status", desk)\n@app.get("/download/{name}")\nnames.get("/", 0)\n'
-    (tmp_path / "pages.py").write_text(text)
-    assert routes(tmp_path).keys() >= {"page /plan", "Route /status", "get /download/{name}"}

@@ -9,13 +9,10 @@ import pytest
 from tests.unit.test_emulator_pty import Bench
 
 from sinew.emulator import port_server
-from sinew.emulator.port_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
-from sinew.hardware.bus import MonotonicClock, Transport
-from sinew.hardware.serial_port import LocalPort, SerialPort
-from sinew.hardware.shared_clock import SharedClock, SharedPort, shared_clock
+from sinew.emulator.port_server import ClockSocket, PtyServer
+from sinew.hardware.bus import MonotonicClock
+from sinew.hardware.ports import TURN_LEVER, SerialPort, SharedClock, SharedPort, shared_clock
 from sinew.measure.errors import FileError, PortError
-
-KINDS: dict[str, Callable[[Path], Port]] = {"terminal": PtyPort, "socket": lambda link: SocketPort(link, 1_000_000)}
 
 
 class Echo(Bench):
@@ -29,10 +26,9 @@ class Echo(Bench):
 class Served:
     """A bench that is served in a thread, and the name of its port. hold: keeps the server from its next step."""
 
-    def __init__(self, link: Path, kind: str) -> None:
-        self.bench, self.link, self.kind, self.hold = Echo(), link, kind, threading.Lock()
-        shared = ClockSocket(link)
-        self.server = PtyServer(self.bench, link, clock=MonotonicClock(), make_port=KINDS[kind], shared=shared)
+    def __init__(self, link: Path) -> None:
+        self.bench, self.link, self.hold = Echo(), link, threading.Lock()
+        self.server = PtyServer(self.bench, link, clock=MonotonicClock(), shared=ClockSocket(link))
         self._thread = threading.Thread(target=self._serve)
         self._over = False
         self._thread.start()
@@ -44,9 +40,8 @@ class Served:
             sleep(0)
 
     def opened(self) -> tuple[SharedPort, SharedClock]:
-        computer = MonotonicClock()
         name = str(self.link)
-        port: Transport = LocalPort(name, computer) if self.kind == "socket" else SerialPort(name, 1_000_000, computer)
+        port = SerialPort(name, 1_000_000, MonotonicClock())
         clock = shared_clock(name)
         assert clock is not None
         return SharedPort(port, clock), clock
@@ -57,9 +52,9 @@ class Served:
         self.server.close()
 
 
-@pytest.fixture(params=KINDS)
-def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Served]:
-    served = Served(tmp_path / "bench", request.param)
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    served = Served(tmp_path / "bench")
     yield served
     served.close()
 
@@ -125,6 +120,18 @@ def test_an_answer_takes_the_benchs_time_even_where_the_bench_is_held_up(served:
     port.close()
     assert [data for data, _ in told] == [b"question %02d" % number for number in range(20)]
     assert all(took == pytest.approx(0.003, abs=0.5e-3) for _, took in told)
+
+
+def test_what_a_person_would_do_is_done_before_the_master_goes_on(served: Served) -> None:
+    clock = shared_clock(str(served.link))
+    assert clock is not None
+    before = clock.now()
+    clock.do(TURN_LEVER)
+    told = (served.bench.acts, clock.now() - before)
+    clock.close()
+    port, _ = served.opened()  # the next master is served at once
+    port.close()
+    assert told == ([TURN_LEVER], 0.0)
 
 
 def test_two_instructions_in_a_row_are_told_apart(served: Served) -> None:
@@ -211,7 +218,7 @@ def test_a_master_notices_that_the_bench_is_unplugged(served: Served) -> None:
 
 
 def test_the_clock_is_gone_with_its_bench(tmp_path: Path) -> None:
-    served = Served(tmp_path / "bench", "terminal")
+    served = Served(tmp_path / "bench")
     served.close()
     assert (list(tmp_path.iterdir()), shared_clock(str(served.link))) == ([], None)
 

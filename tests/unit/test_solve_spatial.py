@@ -20,6 +20,7 @@ from sinew.solve.spatial import (
     rest_at,
     rest_by_tension,
     set_across,
+    stays_upright,
     steer,
     straight,
 )
@@ -172,3 +173,21 @@ def test_a_rig_says_only_what_a_joint_in_space_can_be(name: str, value: object) 
     data["space"][name] = value
     with pytest.raises(ValueError, match=name):
         RigSpec.model_validate(data)
+
+
+# A torso of 6 kg, its centre 250 mm above the plate. The silicone alone keeps some 1.8 kg upright there.
+HEAVY = SPACE._replace(head_mass=np.float64(6.0), head_height=np.float64(0.25))
+
+
+def test_a_head_that_currents_let_fall_over_is_held_upright_at_first_contact() -> None:
+    massless = HEAVY._replace(rod=HEAVY.rod._replace(line_mass=np.float64(0.0)))
+    q, _ = first_contact(massless, CONTACT)
+    weight = (6.0 + float(SPACE.lever_mass)) * 9.80665
+    pressed = compressive_load(float(SPACE.joint.axial_rigidity), 1.0 + q[3, 0])
+    assert np.abs(q[[1, 2]]).max() < 1e-9
+    assert float(pressed) == pytest.approx(4 * CONTACT + weight, rel=1e-6)
+
+
+def test_motors_that_hold_positions_keep_a_head_upright_that_falls_over_while_they_hold_currents() -> None:
+    held = bend(HEAVY, CONTACT, 6e-3, np.zeros(2))[1]
+    assert (stays_upright(HEAVY, CONTACT), held.found, held.taut) == (False, True, True)

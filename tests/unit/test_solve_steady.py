@@ -7,7 +7,7 @@ from tests.unit.prony import complex_stiffness
 from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
 from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
 from sinew.mechanics.silicone import prony_shares
-from sinew.solve.landmark import FOLD, guesses, interpolated_peak
+from sinew.solve.branch import FOLD, guesses, interpolated_peak
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
 SLOW = pytest.mark.slow  # each law is compiled by itself

@@ -88,10 +88,6 @@ def test_tension_is_the_derivative_of_tendon_energy_in_every_mode(rig: RigSpec) 
             assert float(slope) == pytest.approx(float(tendon_tension(jnp.asarray(stretch), held)), abs=1e-9)
 
 
-def test_slack_tendon_pulls_nothing(rig: RigSpec) -> None:
-    assert float(tendon_tension(jnp.asarray(-1e-6), from_rig(rig))) == 0.0
-
-
 def test_first_contact_carries_the_set_tension_and_balances_the_silicone(rig: RigSpec) -> None:
     p, x = _held(rig, 0.0, POSITION)
     tension = float(total_tension(jnp.zeros(()), x, p))
@@ -132,16 +128,6 @@ def test_lengths_of_straight_tendons_follow_the_chord_formula() -> None:
     lengths = tendon_lengths(base, head, (rotation, _scalars([[height, 0, 0]])[0]))
     chord = np.sqrt(height**2 + 0.03**2 + 0.02**2 - 2 * 0.03 * 0.02 * np.cos(angle))
     np.testing.assert_allclose(lengths, chord, rtol=1e-14)
-
-
-def test_a_tilted_head_shortens_one_tendon_and_lengthens_its_opposite() -> None:
-    guides = guide_points(jnp.asarray(0.03), _scalars(guide_directions(4)))
-    tilt = 0.05
-    rotation = _scalars([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
-    lengths = [float(length) for length in tendon_lengths(guides, guides, (rotation, _scalars([[0.09, 0, 0]])[0]))]
-    # tendons 1 and 3 sit on ±z, the axis that a rotation about y tips
-    assert lengths[1] - lengths[3] == pytest.approx(2 * 0.03 * np.sin(tilt), rel=0.01)
-    assert lengths[0] == pytest.approx(lengths[2], rel=1e-12)
 
 
 @pytest.mark.parametrize("loss_factor", [0.02, 0.1, 0.2])

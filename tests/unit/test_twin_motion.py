@@ -179,12 +179,3 @@ def test_a_locked_lever_keeps_its_place_after_the_stop_and_a_servo_lets_it_recoi
         travel[effects.drive_recoil] = np.ptp(track.lever[after:])
     assert travel[False] < np.radians(0.01)
     assert travel[True] > np.radians(1)
-
-
-def test_recoil_of_the_stopped_lever_adds_to_the_damping_of_the_ring_down(rig: RigSpec) -> None:
-    group = _ring_down(0.0, 3.0)
-    lehr = []
-    for effects in (Effects(), Effects().without("drive_recoil")):
-        track = simulate_tracks(lane_parameters([group], rig, effects=effects), [group], SAMPLE_HZ)[0]
-        lehr.append(_lehr(track, group))
-    assert lehr[0] > lehr[1]

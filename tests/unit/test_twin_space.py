@@ -24,7 +24,7 @@ import sinew as sn
 from sinew.measure.attitude import swing_of
 from sinew.measure.errors import SpecError
 from sinew.mechanics.space import Motion, Pull, free_acceleration, space_at_rest, state_rate
-from sinew.plan.pose import STRAIGHT
+from sinew.plan.plan import STRAIGHT
 from sinew.solve.march import runge_kutta, runge_kutta_samples
 from sinew.solve.programs import configure, use_all_cores
 from sinew.twin.parameters import Effects, space_from_rig

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.plan.plan import Held
-from sinew.tune.track import Mode, PretensionPath, Stand, Tracker, TrackerSetting
+from sinew.tune.track import Follow, Mode, Ramp, Tracker, TrackerSetting
 
 INERTIA, LEVER = 12.74e-3, 7.8e-3  # kg m²
 STEP_S, CYCLE_S = 5e-4, 5e-3
@@ -70,8 +70,8 @@ def setting(
     )
 
 
-def run(joint: Joint, law: TrackerSetting, seconds: float, path: PretensionPath | None = None) -> Run:
-    tracker = Tracker(law, path or Stand(4.0), 0.0)
+def run(joint: Joint, law: TrackerSetting, seconds: float, path: Ramp | Follow | None = None) -> Run:
+    tracker = Tracker(law, path or Ramp(4.0), 0.0)
     torsion = rate = lever = lever_rate = goal = 0.0
     rates: list[float] = []
     rows = []

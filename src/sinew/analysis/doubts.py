@@ -13,21 +13,22 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.signal.signals import Signals, by_length
+from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.errors import SinewError
-from sinew.measure.estimate import finite, number
+from sinew.measure.estimate import number
 from sinew.measure.recording import Segment
-
-if TYPE_CHECKING:
-    from sinew.plan.check import Reach
-    from sinew.plan.rig import RigSpec
+from sinew.measure.result import Field, Result, Rows
+from sinew.plan.check import drive_reach, drive_reaches
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
 
 DOUBTED_FROM = 3.0
 """Distance from the expectation, in standard uncertainties, from which a number is doubted."""
@@ -52,25 +53,25 @@ _PRETENSION_STD_MM, _PRETENSION_STD = 0.15, 0.03
 
 _MOST_TEXT = 40_000
 _MOVING_RAD = math.radians(1.0)
-_FROZEN_SHARE, _FROZEN_SAMPLES, _FROZEN_STRIDE = 0.25, 8, 4
+_FROZEN_SHARE, _FROZEN_SAMPLES = 0.25, 8
 _SAME = 1e-6
 
 
-@dataclass(frozen=True)
-class Place:
+@dataclass(frozen=True, repr=False)
+class Place(Result):
     """Where in a campaign something was seen: pretension [mm], drive frequency [Hz; NaN for none], repeat."""
 
-    pretension_mm: float
-    frequency_hz: float
-    repeat: int
+    pretension_mm: Annotated[float, Field("pretension")]
+    frequency_hz: Annotated[float, Field("frequency")]
+    repeat: Annotated[int, Field("repeat")]
 
     def __str__(self) -> str:
         at = "" if math.isnan(self.frequency_hz) else f", {self.frequency_hz:g} Hz"
         return f"{self.pretension_mm:g} mm{at}, repeat {self.repeat + 1}"
 
 
-@dataclass(frozen=True)
-class Doubt:
+@dataclass(frozen=True, repr=False)
+class Doubt(Result):
     """One thing that a measurement says against itself.
 
     kind: lever, torsion, saturation, response, resonance, damping, phase, silence, axis, frozen or pretension.
@@ -78,26 +79,10 @@ class Doubt:
     distance: of the worst from its expectation in standard uncertainties; infinite where it is impossible.
     """
 
-    kind: str
-    where: tuple[Place, ...]
-    sentence: str
-    distance: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the doubt as JSON holds it; an infinite distance becomes null."""
-        return {
-            "kind": self.kind,
-            "sentence": self.sentence,
-            "distance": finite(self.distance),
-            "where": [
-                {
-                    "pretension_mm": one.pretension_mm,
-                    "frequency_hz": None if math.isnan(one.frequency_hz) else one.frequency_hz,
-                    "repeat": one.repeat,
-                }
-                for one in self.where
-            ],
-        }
+    kind: Annotated[str, Field("", "detail")]
+    where: Annotated[Rows[Place], Field("", "detail")]
+    sentence: Annotated[str, Field("", "sentence")]
+    distance: Annotated[float, Field("", "detail")]
 
 
 def doubt_samples(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
@@ -107,19 +92,18 @@ def doubt_samples(sweep: xr.Dataset, signals: Signals) -> list[Doubt]:
     recording; without a rig only what needs none is looked at. What a recording lacks (tendon angles, a duty, an
     expectation) is not doubted.
     """
-    rig, found = signals.rig, list(_frozen_channels(signals))
-    expected = expectation(signals.attrs)
+    rig, expected = signals.rig, expectation(signals.attrs)
+    checks = [*_frozen_checks(signals)]
     if "gain" in sweep:
         part = _Sweep.of(sweep, signals)
-        found += _phase_doubts(part)
-        found += _silent_doubts(part, signals)
+        checks += _torsion_checks(part, signals)
         if rig is not None:
-            found += _lever_doubts(part, rig, expected)
+            checks += _lever_checks(part, rig, expected)
         if expected is not None:
-            found += _curve_doubts(part, expected)
+            checks.append(("response", _curve_check(part, expected)))
     if rig is not None:
-        found += _pretension_doubts(signals, rig)
-    return found
+        checks.append(("pretension", _pretension_check(signals, rig)))
+    return [doubt for kind, seen in checks for doubt in seen.doubt(kind)]
 
 
 def doubt_decays(results: xr.Dataset, signals: Signals) -> list[Doubt]:
@@ -127,12 +111,12 @@ def doubt_decays(results: xr.Dataset, signals: Signals) -> list[Doubt]:
 
     results: all of them; signals: as for `doubt_samples`.
     """
-    expected, found = expectation(signals.attrs), list[Doubt]()
+    expected, checks = expectation(signals.attrs), list[tuple[str, _Seen]]()
     if signals.rig is not None:
-        found += _damping_doubts(results, signals.rig, expected)
+        checks += _damping_checks(results, signals.rig, expected)
     if expected is not None:
-        found += _resonance_doubts(results, expected)
-    return found
+        checks += _resonance_checks(results, expected)
+    return [doubt for kind, seen in checks for doubt in seen.doubt(kind)]
 
 
 def foretold(results: xr.Dataset) -> str:
@@ -179,13 +163,12 @@ def expectation(attrs: Mapping[Any, Any]) -> dict[str, Array] | None:
         return None
 
 
-def doubts_of(results: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the doubts that results carry (attribute `doubts`), as JSON holds them; none where they carry none."""
+def doubts_of(results: xr.Dataset) -> Rows[Doubt]:
+    """Return the doubts that results carry (attribute `doubts`); none where they carry none, or of another form."""
     try:
-        found = json.loads(str(results.attrs.get("doubts", "[]")))
-    except ValueError:
-        return []
-    return [one for one in found if isinstance(one, dict) and "sentence" in one] if isinstance(found, list) else []
+        return Rows(Doubt.from_dict(one) for one in json.loads(str(results.attrs.get("doubts", "[]"))))
+    except (ValueError, TypeError, KeyError):
+        return Rows()
 
 
 @dataclass(frozen=True)
@@ -215,9 +198,9 @@ class _Sweep:
             if p is not None and f is not None and r is not None:
                 groups.append(((p, f, r), where))
                 command[groups[-1][0]] = math.radians(segment.amplitude_deg)
-        if groups and "supply_v" in signals.recorded:
-            volts = _means(signals.recorded["supply_v"], [where for _, where in groups])
-            supply[tuple(np.transpose([at for at, _ in groups]))] = volts
+        if "supply_v" in signals.recorded:
+            for at, where in groups:
+                supply[at] = signals.recorded["supply_v"][where].mean()
         return _Sweep(*axes, columns, command, supply, groups)
 
     def place(self, index: tuple[int, ...]) -> Place:
@@ -241,170 +224,175 @@ class _Sweep:
                 out[i] = np.where(inside, np.interp(asked, f, values), np.nan)
         return out
 
-    def gather(self, kind: str, distance: Array, sentence: Callable[[tuple[int, ...]], str]) -> Iterator[Doubt]:
-        """Yield the doubt of all places beyond the threshold; sentence: of the worst, and its advice."""
+    def seen(self, distance: Array, sentence: Callable[[tuple[int, ...]], str]) -> "_Seen":
+        """Return the groups beyond the threshold; sentence: of one of them, with its advice."""
         distance = np.nan_to_num(distance, nan=0.0, posinf=np.inf)
-        places = np.argwhere(distance > DOUBTED_FROM)
-        if not places.size:
-            return
-        order = np.argsort([-distance[tuple(at)] for at in places], kind="stable")
-        ranked = [tuple(int(i) for i in places[k]) for k in order]
-        looked = int(np.isfinite(self.columns["gain_harmonic"]).sum())
-        text = f"{sentence(ranked[0])} ({len(ranked)} of {looked} groups)"
-        yield Doubt(kind, tuple(map(self.place, ranked)), text, float(distance[ranked[0]]))
+        places = [tuple(map(int, place)) for place in np.argwhere(distance > DOUBTED_FROM)]
+        rows = [(float(distance[at]), self.place(at), partial(sentence, at)) for at in places]
+        return _Seen(rows, int(np.isfinite(self.columns["gain_harmonic"]).sum()), "groups")
 
 
-def _lever_doubts(sweep: _Sweep, rig: "RigSpec", expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
+class _Seen(NamedTuple):
+    """What one check saw: (distance, place, sentence) at each place; looked: at how many places, or groups, it did."""
+
+    rows: Sequence[tuple[float, Place, Callable[[], str]]]
+    looked: int
+    of: str = "places"
+
+    def doubt(self, kind: str) -> list[Doubt]:
+        """Return the doubt of all places beyond the threshold, the worst first, with the sentence of the worst."""
+        beyond = sorted((row for row in self.rows if row[0] > DOUBTED_FROM), key=lambda row: -row[0])
+        if not beyond:
+            return []
+        of = f" ({len(beyond)} of {self.looked} {self.of})" if self.looked > 1 or self.of == "groups" else ""
+        return [Doubt(kind, Rows(row[1] for row in beyond), beyond[0][2]() + of, beyond[0][0])]
+
+
+_Checks = Iterator[tuple[str, _Seen]]
+"""Kinds of doubts, and what was seen."""
+
+
+def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | None) -> _Checks:
     """Yield where the lever did not go as far as its servo takes it, and where lever and torsion contradict each other.
 
     The servo's balance with the torsion as measured gives the lever. Where it is off, the lever is to blame if it is
     off against a held head, too, or against what the twin foretold while the torsion it brings about is as foretold;
     else the torsion is.
     """
-    from sinew.plan.check import drive_reach, drive_reaches  # plans are heavy, and a table has none
-
-    lever, command = sweep.columns["drive_amplitude_rad"], sweep.command
-    lag, gain = sweep.columns["phase_lag_rad"], sweep.columns["gain_measured_drive"]
-    std = sweep.columns["drive_amplitude_std_rad"]
-    foretold_lever, on_curve = np.full(sweep.command.shape[:2], np.nan), np.zeros(lever.shape, dtype=bool)
+    lever, command, gain = (sweep.columns["drive_amplitude_rad"], sweep.command, sweep.columns["gain_measured_drive"])
+    lag, std = sweep.columns["phase_lag_rad"], sweep.columns["drive_amplitude_std_rad"]
+    foretold_lever, on_curve = np.full(command.shape[:2], np.nan), np.zeros(lever.shape, dtype=bool)
     if expected is not None:
         foretold_lever = sweep.at(expected, "drive_amplitude_rad")
         on_curve = np.fmax(*_off_curve(sweep, expected)[0]) < DOUBTED_FROM
-    blamed, contradicted, unsaturated = (np.zeros(lever.shape) for _ in range(3))
-    swung: dict[tuple[int, ...], Reach] = {}
+    blamed, contradicted, unsaturated, reach = (np.zeros(lever.shape) for _ in range(4))
     looked = np.isfinite(lever) & np.isfinite(command) & (command > 0)
-    places = [tuple(int(i) for i in place) for place in np.argwhere(looked)]
     supply = np.nan_to_num(sweep.supply_v[looked]).tolist()
     supplied = {volts: _supplied(rig, volts) if volts > 0 else rig for volts in set(supply)}
     rigs = [supplied[volts] for volts in supply]
     head = np.where(np.isfinite(gain + lag), gain * np.exp(-1j * lag), 0.0)[looked]
     hertz = np.broadcast_to(sweep.frequency_hz[:, None], looked.shape)[looked]
-    reached = drive_reaches(rigs, command[looked], hertz, head) if places else []
-    for at, here, frequency, reach in zip(places, rigs, hertz.tolist(), reached, strict=True):
-        swung[at] = reach
-        own = _ratio(std[at], lever[at])
-        by_head = _logs(lever[at], reach.amplitude_rad, math.hypot(_LEVER_STD, own))
+    reached = drive_reaches(rigs, command[looked], hertz, head) if looked.any() else []
+    for place, here, frequency, swung in zip(np.argwhere(looked), rigs, hertz.tolist(), reached, strict=True):
+        at = tuple(map(int, place))
+        reach[at], own = swung.amplitude_rad, math.hypot(_LEVER_STD, _ratio(std[at], lever[at]))
+        by_head = _logs(lever[at], reach[at], own)
         if by_head > DOUBTED_FROM:
             held = drive_reach(here, float(command[at]), frequency).amplitude_rad
-            nearest = min(max(lever[at], _HELD_LOW * held), _HELD_HIGH * held)
-            by_held = _logs(lever[at], nearest, math.hypot(_LEVER_STD, own))
-            by_twin = _logs(lever[at], foretold_lever[at[:2]], math.hypot(_LEVER_STD, own))
+            by_held = _logs(lever[at], min(max(lever[at], _HELD_LOW * held), _HELD_HIGH * held), own)
+            by_twin = _logs(lever[at], foretold_lever[at[:2]], own)
             guilty = by_held > DOUBTED_FROM or (by_twin > DOUBTED_FROM and bool(on_curve[at]))
             (blamed if guilty else contradicted)[at] = by_head
         if "saturated_share" in sweep.columns and sweep.columns["saturated_share"][at] < 0.02:
-            unsaturated[at] = reach.saturated_share / _SHARE_STD
-
+            unsaturated[at] = swung.saturated_share / _SHARE_STD
+    short = lever < reach
     if (blamed > 0).any():  # the same fault where it shows less
-        short = np.zeros(lever.shape, dtype=bool)
-        for at, reach in swung.items():
-            short[at] = lever[at] < reach.amplitude_rad
         same = (contradicted > 0) & (short == short[np.unravel_index(np.argmax(blamed), blamed.shape)])
         blamed, contradicted = np.where(same, contradicted, blamed), np.where(same, 0.0, contradicted)
+    advice = {
+        True: "look at the drive's PWM limit, goal PWM, profile and supply, and at what the lever may rub on",
+        False: "look at the masses on the lever, the supply, the drive's model and the encoder's scale",
+    }
+    yield (
+        "lever",
+        sweep.seen(
+            blamed,
+            lambda at: (
+                f"the lever went {_deg(lever[at])} of the {_deg(command[at])} asked for at {sweep.place(at)}; with the "
+                f"head swinging as measured the drive reaches {_deg(reach[at])}: {advice[bool(short[at])]}"
+            ),
+        ),
+    )
+    yield (
+        "torsion",
+        sweep.seen(
+            contradicted,
+            lambda at: (
+                f"lever and torsion contradict each other at {sweep.place(at)}: with a head that swings "
+                f"{number(gain[at], 3)} times as far as the lever, the drive would move the lever by "
+                f"{_deg(reach[at])}, it moved by {_deg(lever[at])}; look at the gyro's scale and axes, and at the "
+                "lever's inertia in the rig"
+            ),
+        ),
+    )
+    yield (
+        "saturation",
+        sweep.seen(
+            unsaturated,
+            lambda at: (
+                f"the drive's duty never touched its limit at {sweep.place(at)}, where the check has it there for "
+                f"{100 * _SHARE_STD * unsaturated[at]:.0f} % of the time: look at the drive's PWM limit and goal PWM"
+            ),
+        ),
+    )
 
-    def lever_sentence(at: tuple[int, ...]) -> str:
-        less = lever[at] < swung[at].amplitude_rad
-        advice = (
-            "look at the drive's PWM limit, goal PWM, profile and supply, and at what the lever may rub on"
-            if less
-            else "look at the masses on the lever, the supply, the drive's model and the encoder's scale"
-        )
-        return (
-            f"the lever went {_deg(lever[at])} of the {_deg(command[at])} asked for at {sweep.place(at)}; with the "
-            f"head swinging as measured the drive reaches {_deg(swung[at].amplitude_rad)}: {advice}"
-        )
 
-    def torsion_sentence(at: tuple[int, ...]) -> str:
-        return (
-            f"lever and torsion contradict each other at {sweep.place(at)}: with a head that swings "
-            f"{number(gain[at], 3)} times as far as the lever, the drive would move the lever by "
-            f"{_deg(swung[at].amplitude_rad)}, it moved by {_deg(lever[at])}; look at the gyro's scale and axes, and "
-            "at the lever's inertia in the rig"
-        )
-
-    def share_sentence(at: tuple[int, ...]) -> str:
-        return (
-            f"the drive's duty never touched its limit at {sweep.place(at)}, where the check has it there for "
-            f"{100 * swung[at].saturated_share:.0f} % of the time: look at the drive's PWM limit and goal PWM"
-        )
-
-    yield from sweep.gather("lever", blamed, lever_sentence)
-    yield from sweep.gather("torsion", contradicted, torsion_sentence)
-    yield from sweep.gather("saturation", unsaturated, share_sentence)
-
-
-def _supplied(rig: "RigSpec", volts: float) -> "RigSpec":
+def _supplied(rig: RigSpec, volts: float) -> RigSpec:
     """Return a rig whose drive is fed with so many volts."""
     supply = rig.drive.supply_voltage.model_copy(update={"value": float(volts)})
     return rig.model_copy(update={"drive": rig.drive.model_copy(update={"supply_voltage": supply})})
 
 
-def _phase_doubts(sweep: _Sweep) -> Iterator[Doubt]:
-    """Yield where the torsion leads the lever, or lags by more than half a turn: a joint that gives energy away."""
-    lag = sweep.columns["phase_lag_rad"]
-    std = np.sqrt(
-        np.nan_to_num(sweep.columns["phase_std_rad"]) ** 2
-        + np.nan_to_num(sweep.columns["phase_delay_std_rad"]) ** 2
-        + _LAG_STD**2
-    )
-    moving = sweep.columns["drive_amplitude_rad"] > _MOVING_RAD
-    beyond = np.maximum(-lag, lag - math.pi)
-    distance = np.where(moving & (beyond > 0), beyond / std, 0.0)
-    yield from sweep.gather(
+def _torsion_checks(sweep: _Sweep, signals: Signals) -> _Checks:
+    """Yield where the torsion leads the lever, or lags by more than half a turn: a joint that gives energy away; where
+    the lever moved and the head did not; and where another axis of the gyro swings more than x."""
+    columns = sweep.columns
+    lag, lever, size = columns["phase_lag_rad"], columns["drive_amplitude_rad"], columns["amplitude_rad"]
+    known = (np.nan_to_num(columns[name]) ** 2 for name in ("phase_std_rad", "phase_delay_std_rad"))
+    moving, beyond = lever > _MOVING_RAD, np.maximum(-lag, lag - math.pi)
+    yield (
         "phase",
-        distance,
-        lambda at: (
-            f"the torsion lags the lever by {math.degrees(lag[at]):.0f}° at {sweep.place(at)}; a joint that takes "
-            "energy lags by 0° to 180°: look at the signs of the gyro's axes and of the lever (wiring), and at the "
-            "sensor delays of the rig"
+        sweep.seen(
+            np.where(moving & (beyond > 0), beyond / np.sqrt(sum(known) + _LAG_STD**2), 0.0),
+            lambda at: (
+                f"the torsion lags the lever by {math.degrees(lag[at]):.0f}° at {sweep.place(at)}; a joint that takes "
+                "energy lags by 0° to 180°: look at the signs of the gyro's axes and of the lever (wiring), and at the "
+                "sensor delays of the rig"
+            ),
         ),
     )
-
-
-def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
-    """Yield where the lever moved and the head did not, and where another axis of the gyro swings more than x."""
-    size, std = sweep.columns["amplitude_rad"], sweep.columns["amplitude_std_rad"]
-    moving = sweep.columns["drive_amplitude_rad"] > _MOVING_RAD
-    silent = moving & ~(size > DOUBTED_FROM * std)
-    yield from sweep.gather(
+    yield (
         "silence",
-        np.where(silent, np.inf, 0.0),
-        lambda at: (
-            f"the head does not answer at {sweep.place(at)}: the lever swings by "
-            f"{_deg(sweep.columns['drive_amplitude_rad'][at])}, the torsion is none beyond its noise; look at the IMU "
-            "and at what couples lever and head"
+        sweep.seen(
+            np.where(moving & ~(size > DOUBTED_FROM * columns["amplitude_std_rad"]), np.inf, 0.0),
+            lambda at: (
+                f"the head does not answer at {sweep.place(at)}: the lever swings by {_deg(lever[at])}, the torsion is "
+                "none beyond its noise; look at the IMU and at what couples lever and head"
+            ),
         ),
     )
-    gyro = signals.recorded.get("gyro_rad_s")
-    if gyro is None:
+    if "gyro_rad_s" not in signals.recorded:
         return
-    ratio, squares = np.zeros(size.shape), np.empty((len(sweep.groups), 3))
-    for rows, samples in by_length([where for _, where in sweep.groups]):
-        turns = gyro.take(samples, axis=0).astype(float)
-        turns -= turns[:, :1]  # a channel that stands still is then none
-        sums = np.ones(samples.shape[1]) @ turns
-        squares[rows] = np.diagonal(turns.transpose(0, 2, 1) @ turns, axis1=1, axis2=2) - sums**2 / samples.shape[1]
-    for (place, _), (along, y, z) in zip(sweep.groups, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True):
-        ratio[place] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
-    yield from sweep.gather(
+    ratio, gyro = np.zeros(size.shape), signals.recorded["gyro_rad_s"]
+    for at, where in sweep.groups:
+        turns = gyro[where].astype(float)
+        along, y, z = (turns - turns[0]).std(axis=0).tolist()  # a channel that stands still is then none
+        ratio[at] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
+    yield (
         "axis",
-        np.where(moving & (ratio > 1.0), DOUBTED_FROM * np.maximum(ratio, 1.0), 0.0),
-        lambda at: (
-            f"the gyro turns {number(ratio[at], 2)} times as much about another axis of the head as about its x, the "
-            f"joint's, at {sweep.place(at)}; look at imu_axes in the rig's wiring and at the chip's mounting"
+        sweep.seen(
+            np.where(moving & (ratio > 1.0), DOUBTED_FROM * np.maximum(ratio, 1.0), 0.0),
+            lambda at: (
+                f"the gyro turns {number(ratio[at], 2)} times as much about another axis of the head as about its x, "
+                f"the joint's, at {sweep.place(at)}; look at imu_axes in the rig's wiring and at the chip's mounting"
+            ),
         ),
     )
 
 
-def _off_curve(
-    sweep: _Sweep, expected: Mapping[str, Array]
-) -> tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]:
+_Ends = tuple[Array, Array]
+
+
+def _off_curve(sweep: _Sweep, expected: Mapping[str, Array]) -> tuple[_Ends, _Ends, _Ends]:
     """Return how far gain and lag lie from the foretold curve in standard uncertainties, (p, f, r) each, and the ends
     of what it takes within `_SHIFT` of their frequencies, (p, f, 1) each: of the gain, and of the lag [rad]."""
     gain, gain_std = sweep.columns["gain_measured_drive"], sweep.columns["gain_measured_drive_std"]
     lag, lag_std = sweep.columns["phase_lag_rad"], sweep.columns["phase_std_rad"]
     factors = np.linspace(1.0 - _SHIFT, 1.0 + _SHIFT, 5)
-    curves = np.stack([sweep.at(expected, "gain_measured_drive", factor) for factor in factors])
-    phases = np.stack([sweep.at(expected, "phase_lag_rad", factor) for factor in factors])
+    curves, phases = (
+        np.stack([sweep.at(expected, name, factor) for factor in factors])
+        for name in ("gain_measured_drive", "phase_lag_rad")
+    )
     low, high = curves.min(axis=0)[..., None], curves.max(axis=0)[..., None]
     first, last = phases.min(axis=0)[..., None], phases.max(axis=0)[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -414,99 +402,85 @@ def _off_curve(
     return (off, turn), (low, high), (first, last)
 
 
-def _curve_doubts(sweep: _Sweep, expected: Mapping[str, Array]) -> Iterator[Doubt]:
-    """Yield where gain or phase by the measured lever is far from the twin's curve.
+def _curve_check(sweep: _Sweep, expected: Mapping[str, Array]) -> _Seen:
+    """Return where gain or phase by the measured lever is far from the twin's curve.
 
     The curve may lie shifted by `_SHIFT` in frequency: what it takes in between is expected as well.
     """
-    gain, lag = sweep.columns["gain_measured_drive"], sweep.columns["phase_lag_rad"]
-    (off, turn), (low, high), (first, last) = _off_curve(sweep, expected)
-    distance = np.fmax(off, turn)
+    (off, turn), gains, lags = _off_curve(sweep, expected)
 
     def sentence(at: tuple[int, ...]) -> str:
-        if not turn[at] > off[at]:
-            return (
-                f"the curve is far from the rig's prediction: gain {number(gain[at], 3)} at {sweep.place(at)}, "
-                f"expected {number(low[at[:2]][0], 3)} to {number(high[at[:2]][0], 3)}; either the "
-                "rig file is not this rig, or pretension, lever or gyro are not as it says"
-            )
+        if turn[at] > off[at]:
+            low, high = (f"{math.degrees(end[at[:2]][0]):.0f}" for end in lags)
+            found, unit, what = f"a lag of {math.degrees(sweep.columns['phase_lag_rad'][at]):.0f}°", "°", "delays"
+        else:
+            low, high = (number(end[at[:2]][0], 3) for end in gains)
+            found, unit, what = f"gain {number(sweep.columns['gain_measured_drive'][at], 3)}", "", "gyro"
         return (
-            f"the curve is far from the rig's prediction: a lag of {math.degrees(lag[at]):.0f}° at {sweep.place(at)}, "
-            f"expected {math.degrees(first[at[:2]][0]):.0f} to {math.degrees(last[at[:2]][0]):.0f}°; either the rig "
-            "file is not this rig, or pretension, lever or delays are not as it says"
+            f"the curve is far from the rig's prediction: {found} at {sweep.place(at)}, expected {low} to {high}{unit}"
+            f"; either the rig file is not this rig, or pretension, lever or {what} are not as it says"
         )
 
-    yield from sweep.gather("response", distance, sentence)
+    return sweep.seen(np.fmax(off, turn), sentence)
 
 
-def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Array]) -> Iterator[Doubt]:
+def _resonance_checks(results: xr.Dataset, expected: Mapping[str, Array]) -> _Checks:
     """Yield where resonance or decay lie at another frequency than the twin's."""
-    ends = {"resonance_measured_drive_hz": "resonance_measured_drive_std_hz", "decay_frequency_hz": ""}
-    for name, spread in ends.items():
+    for name, spread, what in (
+        ("resonance_measured_drive_hz", "resonance_measured_drive_std_hz", "the joint resonates"),
+        ("decay_frequency_hz", "", "the free joint swings"),
+    ):
         if name not in results:
             continue
         values = np.asarray(results[name].values, dtype=float)
-        own = np.zeros(values.shape[:1]) if not spread else np.nan_to_num(results[spread].values)
+        own = np.nan_to_num(results[spread].values) if spread else np.zeros(values.shape[0])
         value = values if values.ndim == 1 else mean_of_known(values)
-        rows: list[tuple[float, Place, str]] = []
-        for p, mm in enumerate(results["pretension_mm"].values):
-            hoped = _hoped(expected, name, float(mm))
-            if not (math.isfinite(hoped) and math.isfinite(value[p])):
-                continue
-            distance = _logs(float(value[p]), hoped, math.hypot(_RESONANCE_STD, own[p] / value[p]))
-            what = "the joint resonates" if name.startswith("resonance") else "the free joint swings"
-            rows.append(
-                (
-                    distance,
-                    Place(float(mm), math.nan, 0),
-                    f"{what} at {number(value[p])} Hz at {mm:g} mm, expected {number(hoped)} Hz; look at pretension "
-                    "and first contact, at the masses on the lever, and at the rig file",
+        rows = []
+        for mm, hz, std in zip(results["pretension_mm"].values.tolist(), value.tolist(), own.tolist(), strict=True):
+            expected_hz = _expected_at(expected, name, mm)
+            if math.isfinite(expected_hz) and math.isfinite(hz):
+                text = (
+                    f"{what} at {number(hz)} Hz at {mm:g} mm, expected {number(expected_hz)} Hz; look at pretension "
+                    "and first contact, at the masses on the lever, and at the rig file"
                 )
-            )
-        yield from _worst("resonance", rows)
+                distance = _logs(hz, expected_hz, math.hypot(_RESONANCE_STD, std / hz))
+                rows.append((distance, Place(mm, math.nan, 0), partial(str, text)))
+        yield "resonance", _Seen(rows, len(rows))
 
 
-def _damping_doubts(results: xr.Dataset, rig: "RigSpec", expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
+def _damping_checks(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Array] | None) -> _Checks:
     """Yield where Lehr's damping lies outside what the rig's losses can give, or far from the twin's."""
     if "damping_ratio" not in results:
         return
     ratio, own = results["damping_ratio"].values, results["damping_ratio_std"].values
-    pretension, hertz = results["pretension_mm"].values, results["decay_frequency_hz"].values
-    outside: list[tuple[float, Place, str]] = []
-    far: list[tuple[float, Place, str]] = []
-    for at in np.argwhere(np.isfinite(ratio)):
-        p, r = int(at[0]), int(at[1])
-        mm, value, frequency = float(pretension[p]), float(ratio[p, r]), float(hertz[p, r])
-        place = Place(mm, math.nan, r)
-        low, high = possible_damping(rig, frequency)
-        relative = math.hypot(_LOSS_STD, _ratio(float(own[p, r]), value))
-        nearest = min(max(value, low), high)
-        outside.append(
-            (
-                math.inf if value <= 0 else _logs(value, nearest, relative),
-                place,
-                f"D is {number(value, 3)} at {place}; silicone and guides of the rig can give {number(low, 2)} to "
-                f"{number(high, 2)}: look at the drive (does it hold the lever?), at the guides, and at the rig file",
-            )
+    outside, far = [], []
+    for p, r in np.argwhere(np.isfinite(ratio)).tolist():
+        mm, value = float(results["pretension_mm"].values[p]), float(ratio[p, r])
+        place, relative = Place(mm, math.nan, r), _ratio(float(own[p, r]), value)
+        low, high = possible_damping(rig, float(results["decay_frequency_hz"].values[p, r]))
+        distance = _logs(value, min(max(value, low), high), math.hypot(_LOSS_STD, relative))
+        text = (
+            f"D is {number(value, 3)} at {place}; silicone and guides of the rig can give {number(low, 2)} to "
+            f"{number(high, 2)}: look at the drive (does it hold the lever?), at the guides, and at the rig file"
         )
-        hoped = _hoped(expected, "damping_ratio", mm)
-        if math.isfinite(hoped) and value > 0:
-            relative = math.hypot(_DAMPING_STD, _ratio(float(own[p, r]), value))
-            text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(hoped, 3)}"
-            far.append((_logs(value, hoped, relative), place, text))
-    yield from _worst("damping", outside)
-    yield from _worst("damping", far)
+        outside.append((math.inf if value <= 0 else distance, place, partial(str, text)))
+        twins = _expected_at(expected or {}, "damping_ratio", mm)
+        if math.isfinite(twins) and value > 0:
+            text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(twins, 3)}"
+            far.append((_logs(value, twins, math.hypot(_DAMPING_STD, relative)), place, partial(str, text)))
+    yield "damping", _Seen(outside, len(outside))
+    yield "damping", _Seen(far, len(far))
 
 
-def _hoped(expected: Mapping[str, Array] | None, name: str, pretension_mm: float) -> float:
+def _expected_at(expected: Mapping[str, Array], name: str, pretension_mm: float) -> float:
     """Return a foretold number at a pretension, NaN where it was not foretold."""
-    if expected is None or name not in expected or "pretension_mm" not in expected:
+    if name not in expected or "pretension_mm" not in expected:
         return math.nan
     row = np.flatnonzero(np.abs(expected["pretension_mm"] - pretension_mm) < 1e-6)
     return float(expected[name][row[0]]) if row.size else math.nan
 
 
-def possible_damping(rig: "RigSpec", frequency_hz: float) -> tuple[float, float]:
+def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     """Return the smallest and largest Lehr damping that the rig's losses can give a joint that swings at a frequency.
 
     The frequency gives the stiffness, k = ω²(I_h + I_l). The silicone's part of it, GJ/L, has the loss factor η, hence
@@ -529,14 +503,12 @@ def possible_damping(rig: "RigSpec", frequency_hz: float) -> tuple[float, float]
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
 
 
-def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Array, gyro_rad_s: Array) -> list[str]:
+def group_doubts(rig: RigSpec, segment: Segment, time_s: Array, drive_rad: Array, gyro_rad_s: Array) -> list[str]:
     """Return what can be said against a steady group while its run goes on, in sentences.
 
     time_s, drive_rad: (n,); gyro_rad_s: about the joint's axis, (n,); NaN where a reading did not come. The lever is
     held against half of what it reaches against a held head, for in resonance the head takes up to half.
     """
-    from sinew.plan.check import drive_reach
-
     known = np.isfinite(time_s) & np.isfinite(drive_rad) & np.isfinite(gyro_rad_s)
     command = math.radians(segment.amplitude_deg)
     if segment.kind != "steady" or known.sum() < _FROZEN_SAMPLES or not command > _MOVING_RAD:
@@ -555,13 +527,13 @@ def group_doubts(rig: "RigSpec", segment: Segment, time_s: Array, drive_rad: Arr
         )
     step = float(np.median(np.diff(time)))
     for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
-        longest = int(_longest_rows(values[:, None], np.array([[0, values.size]]), _near(values[:, None]))[0])
+        longest = _longest_row(values[:, None], _near(values[:, None]))
         if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
             found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
     return found
 
 
-def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
+def _frozen_checks(signals: Signals) -> _Checks:
     """Yield the channels that repeat one value while they should move: a sensor that stands still.
 
     Looked at where the lever is driven by more than a degree, steady, and in the first second of a free decay. A sine
@@ -575,152 +547,93 @@ def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
     rate, recorded, rig = signals.budget.sample_hz, signals.recorded, signals.rig
     quiet = "sensor_noise" in str(signals.attrs.get("effects_off", "")).split()
     noisy = rig is not None and not quiet and rig.imu.accelerometer_noise.value > rig.imu.accelerometer_lsb.value
-    channels: list[tuple[str, str, Array, float]] = []
-    if "gyro_rad_s" in recorded:
-        channels.append(("gyro", "the gyro", recorded["gyro_rad_s"][:, :1], _FROZEN_SHARE))
-    if "acceleration_m_s2" in recorded and noisy:
-        channels.append(("accelerometer", "the accelerometer", recorded["acceleration_m_s2"], _FROZEN_SHARE))
-    for name, words in (
-        ("drive_rad", "the drive's encoder"),
-        ("drive_current_a", "the drive's current"),
-        ("drive_pwm", "the drive's duty"),
+    driven = [(one, where) for one, where in signals.of_kind("steady") if _is_driven(one)]
+    second = round(rate)
+    ringing = [
+        (one, slice(where.start, min(where.stop, where.start + second)))
+        for one, where in signals.of_kind("ring-down")
+        if _is_driven(one)
+    ]
+    for name, words, share in (
+        ("gyro_rad_s", "the gyro", _FROZEN_SHARE),
+        ("acceleration_m_s2", "the accelerometer", _FROZEN_SHARE),
+        ("drive_rad", "the drive's encoder", 1.0),
+        ("drive_current_a", "the drive's current", 1.0),
+        ("drive_pwm", "the drive's duty", 1.0),
     ):
-        if name in recorded and (name == "drive_rad" or np.ptp(recorded[name]) > 0):
-            channels.append((name, words, recorded[name][:, None], 1.0))
-    moving = list(_moving(signals))
-    driven = [row for row in moving if row[0].kind == "steady"]  # in a ring-down the lever stands
-    for _, words, values, share in channels:
-        looked = moving if share < 1.0 else driven
-        if not looked:
+        looked = driven + ringing if share < 1.0 else driven  # in a ring-down the lever stands
+        if name not in recorded or not looked or (name == "acceleration_m_s2" and not noisy):
             continue
-        needed = np.maximum(_FROZEN_SAMPLES, share * rate / np.array([segment.frequency_hz for segment, _ in looked]))
-        longest = _rows_beyond(values, np.array([(where.start, where.stop) for _, where in looked]), needed)
-        rows: list[tuple[float, Place, str]] = []
-        for one in np.flatnonzero(longest):
-            segment, _ = looked[one]
-            place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
-            text = (
-                f"{words} repeats one value for {longest[one] / rate:.2g} s at {place}, while the lever is driven: "
-                "look at the sensor, its cable and its firmware"
-            )
-            rows.append((float(DOUBTED_FROM * longest[one] / needed[one]), place, text))
-        yield from _worst("frozen", rows, len(looked))
-
-
-def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
-    for segment, where in signals.segments:
-        if not (segment.amplitude_deg > math.degrees(_MOVING_RAD) and segment.frequency_hz > 0):
+        values = recorded[name][:, :1] if name == "gyro_rad_s" else recorded[name].reshape(recorded[name].shape[0], -1)
+        if name in ("drive_current_a", "drive_pwm") and not np.ptp(values) > 0:
             continue
-        if segment.kind == "steady":
-            yield segment, where
-        elif segment.kind == "ring-down":
-            yield segment, slice(where.start, min(where.stop, where.start + round(signals.budget.sample_hz)))
+        rows, near = [], _near(values)
+        for segment, where in looked:
+            needed = max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
+            longest = _longest_row(values[where], near)
+            if longest > needed:
+                place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
+                text = (
+                    f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look "
+                    "at the sensor, its cable and its firmware"
+                )
+                rows.append((DOUBTED_FROM * longest / needed, place, partial(str, text)))
+        yield "frozen", _Seen(rows, len(looked))
 
 
-def _rows_beyond(values: Array, stretches: NDArray[np.int64], needed: Array) -> NDArray[np.int64]:
-    """Return how many samples in a row repeat one value, at most, in each stretch, zero where not more than needed.
-
-    values: (n, axes). stretches: first sample and the one after the last, (k, 2). needed: (k,), not below
-    `_FROZEN_SAMPLES`. A row of more than m samples has m that equal the one before, hence m // 4 neighbours among every
-    fourth sample: where these are missing, nothing else is looked at.
-    """
-    near, out = _near(values), np.zeros(needed.size, dtype=np.int64)
-    fewest = needed.astype(np.int64) // _FROZEN_STRIDE
-    maybe = np.flatnonzero(_longest_rows(values, stretches, near, _FROZEN_STRIDE) > fewest)
-    out[maybe] = _longest_rows(values, stretches[maybe], near)
-    return np.where(out > needed, out, 0)
+def _is_driven(segment: Segment) -> bool:
+    return segment.amplitude_deg > math.degrees(_MOVING_RAD) and segment.frequency_hz > 0
 
 
-def _near(values: Array) -> list[float]:
+def _near(values: Array) -> Array:
     """Return how far two samples of an axis may lie apart and be equal: readings that were brought onto other times by
     interpolation are equal but for their last bits."""
-    return [_SAME * max(abs(float(column.max())), abs(float(column.min()))) for column in values.T]
+    return np.asarray(_SAME * np.abs(values).max(axis=0), dtype=float)
 
 
-def _longest_rows(values: Array, stretches: NDArray[np.int64], near: list[float], stride: int = 1) -> NDArray[np.int64]:
-    """Return how many samples in a row equal the one before, at most, and one, in each stretch, (k,).
-
-    values: (n, axes), which are to be equal on all of them. stride: each so many samples of a stretch, its first not
-    among them, are looked at and counted.
-    """
-    starts, stops = stretches.T
-    sizes = -(-(stops - starts) // stride)
-    begins = np.cumsum(sizes) - sizes
-    at = np.repeat(starts - stride * begins, sizes) + stride * np.arange(sizes.sum())
-    is_looked = np.ones(at.size, dtype=bool)
-    is_looked[begins] = False
-    found = np.flatnonzero(is_looked)
-    for column, tolerance in zip(values.T, near, strict=True):  # few are left for the second
-        found = found[np.abs(column[at[found]] - column[at[found] - 1]) <= tolerance]
-    same = np.zeros(at.size + 1, dtype=bool)
-    same[found] = True
-    edges = np.flatnonzero(np.diff(same, prepend=False))
-    longest = np.ones(len(stretches), dtype=np.int64)
-    np.maximum.at(longest, np.searchsorted(begins, edges[::2], "right") - 1, 1 + edges[1::2] - edges[::2])
-    return longest
+def _longest_row(values: Array, near: Array) -> int:
+    """Return how many samples in a row repeat one value at most, on all axes of (n, axes) at once."""
+    same = (np.abs(np.diff(values, axis=0)) <= near).all(axis=1)
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    return 1 + int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _means(values: NDArray[Any], stretches: list[slice]) -> Array:
-    """Return the mean of all that was recorded in each stretch, (k,)."""
-    out = np.empty(len(stretches))
-    for rows, samples in by_length(stretches):
-        out[rows] = values.take(samples, axis=0).reshape(rows.size, -1).mean(axis=1)
-    return out
-
-
-def _pretension_doubts(signals: Signals, rig: "RigSpec") -> Iterator[Doubt]:
-    """Yield where the tendon motors do not stand where the pretension has them, against the least one of the recording.
+def _pretension_check(signals: Signals, rig: RigSpec) -> _Seen:
+    """Return where the tendon motors do not stand where the pretension has them, against the least one of the
+    recording.
 
     Motor angle times pulley radius, plus what the servo yields under its tension (current times torque constant by
     radius and servo stiffness). Tendons that are held by current follow the joint, and are not looked at.
     """
-    mode, recorded = _tendon_mode(signals.attrs), signals.recorded
-    if "tendon_rad" not in recorded or "tendon_current_a" not in recorded or not mode.startswith("position"):
-        return
-    tendons = rig.tendons
-    radius = tendons.pulley_radius.value
-    per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
-    looked = [row for row in signals.segments if row[0].kind in ("steady", "ring-down")]
-    angle, current = (_means(recorded[name], [w for _, w in looked]) for name in ("tendon_rad", "tendon_current_a"))
+    mode, recorded, tendons = _tendon_mode(signals.attrs), signals.recorded, rig.tendons
     found: dict[float, list[float]] = {}
-    for (segment, _), pulled in zip(looked, (radius * angle + per_ampere * current).tolist(), strict=True):
-        found.setdefault(segment.pretension_mm, []).append(1e3 * pulled)
-    if len(found) < 2:
-        return
-    least = min(found)
+    if {"tendon_rad", "tendon_current_a"} <= set(recorded) and mode.startswith("position"):
+        per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
+        for segment, where in signals.segments:
+            if segment.kind in ("steady", "ring-down"):
+                angle, current = (recorded[name][where].mean() for name in ("tendon_rad", "tendon_current_a"))
+                pulled = tendons.pulley_radius.value * angle + per_ampere * current
+                found.setdefault(segment.pretension_mm, []).append(1e3 * float(pulled))
     rows = []
-    for mm, values in found.items():
-        asked, pulled = mm - least, float(np.median(values) - np.median(found[least]))
-        std = math.hypot(_PRETENSION_STD_MM, _PRETENSION_STD * asked)
+    for mm, values in found.items() if len(found) > 1 else ():
+        least = min(found)
+        wanted, pulled = mm - least, float(np.median(values) - np.median(found[least]))
         text = (
             f"the tendon motors stand {number(pulled, 3)} mm from where they stood at {least:g} mm, at {mm:g} mm they "
-            f"should by {number(asked, 3)} mm: look for a slipped pulley, another radius, or a motor that was turned"
+            f"should by {number(wanted, 3)} mm: look for a slipped pulley, another radius, or a motor that was turned"
         )
-        rows.append((abs(pulled - asked) / std, Place(mm, math.nan, 0), text))
-    yield from _worst("pretension", rows)
+        distance = abs(pulled - wanted) / math.hypot(_PRETENSION_STD_MM, _PRETENSION_STD * wanted)
+        rows.append((distance, Place(mm, math.nan, 0), partial(str, text)))
+    return _Seen(rows, len(rows))
 
 
 def _tendon_mode(attrs: Mapping[Any, Any]) -> str:
     """Return how the tendons were held, by the recording's plan; empty where it has none."""
-    from sinew.plan.toml import parse_plan
-
     text = str(attrs.get("plan", ""))
     try:
         return parse_plan(text).pretension.mode if text.strip() else ""
     except SinewError:
         return ""
-
-
-def _worst(kind: str, rows: list[tuple[float, Place, str]], looked: int | None = None) -> Iterator[Doubt]:
-    """Yield the doubt of all rows (distance, place, sentence) beyond the threshold, with the sentence of the worst.
-
-    looked: at how many places, where rows are not all of them.
-    """
-    beyond = sorted((row for row in rows if row[0] > DOUBTED_FROM), key=lambda row: -row[0])
-    of = len(rows) if looked is None else looked
-    if beyond:
-        more = f" ({len(beyond)} of {of} places)" if of > 1 else ""
-        yield Doubt(kind, tuple(row[1] for row in beyond), beyond[0][2] + more, beyond[0][0])
 
 
 def _logs(value: float, expected: float, std: float) -> float:

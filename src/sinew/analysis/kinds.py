@@ -11,16 +11,15 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sinew.analysis.broadband.broadband import repeats_every
-from sinew.analysis.broadband.impact import find_blows, struck_force
+from sinew.analysis.broadband import repeats_every
 from sinew.analysis.decay.free_decay import evenly, find_peaks, noise_level
-from sinew.analysis.signal.groups import Group, find_groups, rising_crossings
+from sinew.analysis.impact import find_blows, struck_force
+from sinew.analysis.signal.harmonics import Group, find_groups, rising_crossings
 from sinew.analysis.signal.signals import drive_channel, response_channel
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import number
-from sinew.measure.recording import segment_slices
-from sinew.measure.schema import IMPORT_SEGMENTS, RecordKind
+from sinew.measure.recording import IMPORT_SEGMENTS, RecordKind, segment_slices
 
 _DRIVE_NOISE = 10.0  # times its noise: a drive that moves less has perhaps not moved
 _FALLS = 0.3  # share of the scatter of ln(swing) that a straight fall explains: less is no decay

@@ -3,9 +3,9 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
@@ -13,12 +13,11 @@ import xarray as xr
 from sinew.analysis.signal.signals import DelayBudget, Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, Estimate, finite, fixed, number, shown
-from sinew.measure.told import Table
-
-if TYPE_CHECKING:
-    from sinew.plan.plan import Plan
-    from sinew.plan.rig import RigSpec
+from sinew.measure.estimate import NORMAL_90, Estimate
+from sinew.measure.result import Field, Result, Rows
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
 
 _ORDERS = (1, 3)
 _FEWEST_ROWS = 16
@@ -27,25 +26,64 @@ _BLOCKS = 5
 _FIRST_ROWS = 4  # the pretension may move from the begin on
 
 
-@dataclass(frozen=True)
-class TrackedPoint:
+@dataclass(frozen=True, repr=False)
+class TrackedPoint(Result):
     """Where a joint resonated while it was tracked: a point of its backbone.
 
-    frequency_hz: at which the torsion's fundamental lags the measured lever by 90°. torsion_deg, lever_deg: amplitudes
-    of the fundamentals. phase_error_deg: root mean square over the turns of the lag less 90°. damping_ratio: Lehr's, of
-    the equivalent linear joint, which at that phase is I_l θ/(2 I φ). pretension_mm: mean. turns: how many were used.
+    frequency_hz: at which the torsion's fundamental lags the measured lever by 90°; predicted_hz: there by the backbone
+    that was predicted before, NaN without one. torsion_deg, lever_deg: amplitudes of the fundamentals. phase_error_deg:
+    root mean square over the turns of the lag less 90°. damping_ratio: Lehr's, of the equivalent linear joint, which at
+    that phase is I_l θ/(2 I φ). pretension_mm: mean. turns: how many were used.
     """
 
-    pretension_mm: float
-    frequency_hz: Estimate
-    torsion_deg: Estimate
-    lever_deg: Estimate
-    damping_ratio: Estimate
-    phase_error_deg: float
-    turns: int
+    pretension_mm: Annotated[float, Field("", "detail")]
+    frequency_hz: Annotated[Estimate, Field("resonance")]
+    torsion_deg: Annotated[Estimate, Field("torsion")]
+    lever_deg: Annotated[Estimate, Field("lever")]
+    damping_ratio: Annotated[Estimate, Field("damping")]
+    phase_error_deg: Annotated[float, Field("error")]
+    turns: Annotated[int, Field("", "detail")]
+    predicted_hz: Annotated[float, Field("predicted")] = math.nan
 
 
-def tracked_turns(recording: xr.Dataset, segment: int, rig: "RigSpec") -> xr.Dataset:
+@dataclass(frozen=True, repr=False)
+class Follow(Result):
+    """How far the resonance was from the frequency that was wanted while that moved."""
+
+    from_hz: Annotated[float, Field("followed from")]
+    to_hz: Annotated[float, Field("to")]
+    begin_s: Annotated[float, Field("", "detail")]
+    duration_s: Annotated[float, Field("in")]
+    rms_error_hz: Annotated[float, Field("error, rms")]
+    largest_error_hz: Annotated[float, Field("at most")]
+
+
+@dataclass(frozen=True, repr=False)
+class Track(Result):
+    """One motion that was tracked. lock_cycles: after how many turns it was locked, None for never; lock_losses: how
+    often it was lost. phase_error_deg: rms once it was locked. point: at one pretension; follow: where that moved.
+    turns: turn by turn, columns by name."""
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    amplitude_deg: Annotated[float, Field("held")]
+    lock_cycles: Annotated[float | None, Field("locked after turns")]
+    lock_losses: Annotated[int, Field("lost")]
+    phase_error_deg: Annotated[float | None, Field("phase error")]
+    turns: Annotated[Mapping[str, Sequence[float]], Field("", "detail")]
+    point: Annotated[TrackedPoint | None, Field("")]
+    follow: Annotated[Follow | None, Field("")]
+
+
+@dataclass(frozen=True, repr=False)
+class Tracking(Result):
+    """Every motion of a recording that was tracked. held: which amplitude; expected: the backbones predicted before."""
+
+    held: Annotated[str | None, Field("amplitude held", "sentence")]
+    expected: Annotated[tuple[Mapping[str, Any], ...], Field("", "detail")]
+    tracks: Annotated[Rows[Track], Field("the torsion lags the lever by 90°")]
+
+
+def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Dataset:
     """Return a tracking segment turn by turn, over `turn`: time_s (middle, since the segment's begin), frequency_hz,
     phase_error_rad (lag less 90°), lever_rad, torsion_rad (amplitudes), pretension_mm, number (how often the drive has
     turned by its end).
@@ -100,7 +138,7 @@ def _turn(
     return math.remainder(lag - 0.5 * math.pi, math.tau), abs(lever), abs(torsion)
 
 
-def _pretension(signals: Signals, where: slice, begin: float, rig: "RigSpec") -> Array:
+def _pretension(signals: Signals, where: slice, begin: float, rig: RigSpec) -> Array:
     """Return the pretension of every row [mm]: that of the begin, and what the motors took up since its begin.
 
     What their position loops give way under load is added, as the plan counts by goals.
@@ -117,7 +155,7 @@ def _pretension(signals: Signals, where: slice, begin: float, rig: "RigSpec") ->
     return np.asarray(begin + 1e3 * (goal - rest))
 
 
-def tracked_point(turns: xr.Dataset, rig: "RigSpec", share: float = 0.5) -> TrackedPoint:
+def tracked_point(turns: xr.Dataset, rig: RigSpec, share: float = 0.5) -> TrackedPoint:
     """Return the point of the backbone that a stretch of turns at one pretension holds.
 
     turns: of `tracked_turns`. share: of them, the last ones, that are used; the others belong to the start.
@@ -158,7 +196,7 @@ def _widened(estimate: Estimate, std: float) -> Estimate:
     return Estimate(value, math.hypot(estimate.std, std), value - half, value + half)
 
 
-# What a recording says of every tracked motion, as JSON holds it, and as it is told.
+# What a recording says of every tracked motion.
 
 BACKBONES_ATTRIBUTE = "backbones"
 """Attribute of a recording: JSON, the backbone that was predicted at each pretension before it was tracked."""
@@ -197,26 +235,23 @@ def turns_to_lock(turns: xr.Dataset) -> tuple[float | None, int]:
     return first, losses
 
 
-def tracking_document(recording: xr.Dataset, rig: "RigSpec") -> dict[str, Any]:
-    """Return what a recording says of every motion that was tracked, as JSON holds it: held, expected, tracks.
+def find_tracking(recording: xr.Dataset, rig: RigSpec) -> Tracking:
+    """Return what a recording says of every motion that was tracked.
 
-    expected: the backbones that were predicted before, from the recording; empty where it holds none.
     Raises RecordingError where a tracked motion cannot be read.
     """
-    from sinew.plan.toml import parse_plan  # plans are heavy, and a table has none
-
     text = str(recording.attrs.get("plan", ""))
     plan = parse_plan(text) if text.strip() else None
     expected = json.loads(str(recording.attrs.get(BACKBONES_ATTRIBUTE, "[]")))
     segments = np.flatnonzero(recording["kind"].values == "tracking").tolist()
-    tracks = [_track(recording, segment, rig, plan, expected) for segment in segments]
+    tracks = Rows(_track(recording, segment, rig, plan, expected) for segment in segments)
     held = plan.track.held if plan is not None and plan.track is not None else None
-    return {"held": held, "expected": expected, "tracks": tracks}
+    return Tracking(held, tuple(expected), tracks)
 
 
 def _track(
-    recording: xr.Dataset, segment: int, rig: "RigSpec", plan: "Plan | None", expected: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
+    recording: xr.Dataset, segment: int, rig: RigSpec, plan: Plan | None, expected: Sequence[Mapping[str, Any]]
+) -> Track:
     turns = tracked_turns(recording, segment, rig)
     locked, losses = turns_to_lock(turns)
     columns = {str(name): turns[name].values for name in turns}
@@ -225,41 +260,31 @@ def _track(
     error = columns["phase_error_deg"][columns["number"] >= (math.inf if locked is None else locked)]
     planned = plan.track if plan is not None else None
     moves = np.ptp(columns["pretension_mm"]) > _STOOD_MM if planned is None else planned.pretension_to_mm is not None
-    return {
-        "pretension_mm": float(recording["pretension_mm"].values[segment]),
-        "amplitude_deg": float(recording["amplitude_deg"].values[segment]),
-        "lock_cycles": locked,
-        "lock_losses": losses,
-        "phase_error_deg": float(np.sqrt(np.mean(error**2))) if error.size else None,
-        "point": None if moves else _point(turns, rig, expected),
-        "follow": _followed(columns, plan) if plan is not None and moves else None,
-        "turns": {name: np.round(columns[name], digits).tolist() for name, digits in _DIGITS.items()},
-    }
+    return Track(
+        pretension_mm=float(recording["pretension_mm"].values[segment]),
+        amplitude_deg=float(recording["amplitude_deg"].values[segment]),
+        lock_cycles=locked,
+        lock_losses=losses,
+        phase_error_deg=float(np.sqrt(np.mean(error**2))) if error.size else None,
+        turns={name: np.round(columns[name], digits).tolist() for name, digits in _DIGITS.items()},
+        point=None if moves else _point(turns, rig, expected),
+        follow=_followed(columns, plan) if plan is not None and moves else None,
+    )
 
 
-def _point(turns: xr.Dataset, rig: "RigSpec", expected: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+def _point(turns: xr.Dataset, rig: RigSpec, expected: Sequence[Mapping[str, Any]]) -> TrackedPoint | None:
     try:
         point = tracked_point(turns, rig)
     except RecordingError:
         return None
-    predicted = math.nan
-    if expected:
-        near = min(expected, key=lambda one: abs(one["pretension_mm"] - point.pretension_mm))
-        curve = (np.array(near["torsion_deg"]), np.array(near["frequency_hz"]))
-        predicted = frequency_on_backbone(*curve, point.torsion_deg.value)
-    return {
-        "pretension_mm": point.pretension_mm,
-        "frequency_hz": point.frequency_hz.to_json(),
-        "torsion_deg": point.torsion_deg.to_json(),
-        "lever_deg": point.lever_deg.to_json(),
-        "damping_ratio": point.damping_ratio.to_json(),
-        "phase_error_deg": point.phase_error_deg,
-        "turns": point.turns,
-        "predicted_hz": finite(predicted),
-    }
+    if not expected:
+        return point
+    near = min(expected, key=lambda one: abs(one["pretension_mm"] - point.pretension_mm))
+    curve = (np.array(near["torsion_deg"]), np.array(near["frequency_hz"]))
+    return replace(point, predicted_hz=frequency_on_backbone(*curve, point.torsion_deg.value))
 
 
-def _followed(columns: dict[str, Array], plan: "Plan") -> dict[str, float] | None:
+def _followed(columns: dict[str, Array], plan: Plan) -> Follow | None:
     """Return how far the resonance was from the wanted frequency while that moved; None where none was wanted."""
     track = plan.track
     if track is None or track.wanted_hz is None:
@@ -268,77 +293,11 @@ def _followed(columns: dict[str, Array], plan: "Plan") -> dict[str, float] | Non
     time, hertz = columns["time_s"], columns["frequency_hz"]
     moving = (time >= times[0]) & (time <= times[1])
     off = (hertz - np.interp(time, times, track.wanted_hz))[moving]
-    return {
-        "from_hz": track.wanted_hz[0],
-        "to_hz": track.wanted_hz[1],
-        "begin_s": track.lead_s,
-        "duration_s": track.duration_s,
-        "rms_error_hz": float(np.sqrt(np.mean(off**2))),
-        "largest_error_hz": float(np.abs(off).max()),
-    }
-
-
-POINT_COLUMNS = (
-    "pretension/mm",
-    "held/°",
-    "resonance/Hz",
-    "predicted/Hz",
-    "torsion/°",
-    "lever/°",
-    "damping",
-    "lock/turns",
-    "error/°",
-)
-
-
-def tracking_told(document: Mapping[str, Any]) -> list[Table | str]:
-    """Return the points as a table, and a sentence on every motion that gave none.
-
-    document: of `tracking_document`.
-    """
-    tracks, told = document["tracks"], list[Table | str]()
-    if rows := [point_row(track) for track in tracks if track["point"] is not None]:
-        held = "" if document["held"] is None else f"; amplitude held: {document['held']}"
-        told.append(Table(POINT_COLUMNS, rows, f"the torsion lags the lever by 90°{held}"))
-    return told + [moved_sentence(track) for track in tracks if track["point"] is None]
-
-
-def point_row(track: Mapping[str, Any]) -> list[str]:
-    """Return the row of a tracked motion at one pretension, by `POINT_COLUMNS`."""
-    point = track["point"]
-    return [
-        f"{track['pretension_mm']:g}",
-        f"{track['amplitude_deg']:g}",
-        shown(point["frequency_hz"]),
-        number(point["predicted_hz"]),
-        *(shown(point[name]) for name in ("torsion_deg", "lever_deg", "damping_ratio")),
-        fixed(track["lock_cycles"], 0),
-        number(point["phase_error_deg"], 2),
-    ]
-
-
-def moved_sentence(track: Mapping[str, Any]) -> str:
-    """Return what is told of a tracked motion whose pretension moved, or that gave no point."""
-    turns = track["turns"]
-    lock = "never locked" if track["lock_cycles"] is None else f"locked after {fixed(track['lock_cycles'], 0)} turns"
-    lost = f"lost {track['lock_losses']} times" if track["lock_losses"] else "never lost"
-    error = (
-        ""
-        if track["phase_error_deg"] is None
-        else f", phase error {number(track['phase_error_deg'], 2)}° (root mean square)"
+    return Follow(
+        from_hz=track.wanted_hz[0],
+        to_hz=track.wanted_hz[1],
+        begin_s=track.lead_s,
+        duration_s=track.duration_s,
+        rms_error_hz=float(np.sqrt(np.mean(off**2))),
+        largest_error_hz=float(np.abs(off).max()),
     )
-    way = (
-        f"{number(turns['pretension_mm'][0], 3)} to {number(turns['pretension_mm'][-1], 3)} mm, "
-        f"{number(turns['frequency_hz'][0])} to {number(turns['frequency_hz'][-1])} Hz"
-    )
-    follow = track["follow"]
-    after = (
-        ""
-        if follow is None
-        else (
-            f"; followed {follow['from_hz']:g} to {follow['to_hz']:g} Hz in {follow['duration_s']:g} s to within "
-            f"{number(follow['rms_error_hz'], 2)} Hz (root mean square), "
-            f"{number(follow['largest_error_hz'], 2)} Hz at most"
-        )
-    )
-    return f"{way}: {lock}, {lost}{error}{after}"

@@ -5,14 +5,11 @@ Exit status: 0 on success, 1 where a bench run, stop or doctor did not end well,
 traceback.
 """
 
-import atexit
-import gc
 import inspect
 import io
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pkgutil import resolve_name
 from typing import Annotated, Any, cast
 
@@ -21,7 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from sinew import __version__
 from sinew.apps import console
-from sinew.measure.errors import SinewError
+from sinew.measure.errors import SinewError, SpecError
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "recordings.simulate:check": ("sinew check plans/paper.toml --rig rigs/paper.toml",),
@@ -34,41 +31,41 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json",
     ),
     "recordings.runs:runs": (
-        'sinew runs runs --search "f_r>3.2 pretension=6 tag:aged"',
+        'sinew runs runs --search "aged f_r=3.2.. pretension=6"',
         "sinew runs runs --search pretension=6 --trend f_r --out ageing.svg",
     ),
-    "recordings.analyse:current": ("sinew current out/bench/recording.nc",),
     "recordings.identify:identify": (
         "sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json",
     ),
     "joints.calibrate:calibrate": ("sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml",),
     "joints.predict:predict": (
         "sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2",
+        "sinew predict paper ring.toml --pretension-mm 0,6,12 --out out/compared",
         "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
     ),
-    "joints.transfer:transfer": ("sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat",),
     "joints.model:model": (
-        "sinew model paper --pretension-mm 6 --out joint.xml",
-        "sinew model paper --pretension-mm 6 --out joint.urdf --json",
+        "sinew model paper --to matlab --pretension-mm 0,4,8 --out out/transfer.mat",
+        "sinew model paper --pretension-mm 6 --bend-deg 10 --out bent.xml --json",
     ),
     "joints.pose:modes": (
         "sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html",
     ),
     "joints.design:joint": ("sinew joint --section circle --outer-mm 60 --out sixty.toml",),
-    "joints.predict:compare": ("sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared",),
     "joints.design:tune": ("sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json",),
-    "joints.pose:pose": ("sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png",),
-    "joints.pose:workspace": ("sinew workspace paper --pretension-mm 0,6,12 --step-deg 4 --out workspace.png",),
-    "recordings.gait:gait": ("sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait",),
-    "joints.design:design": ("sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso",),
-    "recordings.reproduce:answer": ("sinew answer out/paper/recording.nc --out out/paper",),
-    "recordings.convert:import_": ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
-    "recordings.convert:export": ("sinew export run/recording.nc --to mat --out run/recording.mat",),
-    "recordings.convert:table": (
-        "sinew table out/paper --part resonance --columns pretension_mm,resonance_hz,gain_peak --out resonance.tex",
-        "sinew table fit/fit.json --to csv",
+    "joints.pose:pose": (
+        "sinew pose paper --map --pretension-mm 0,6,12 --step-deg 4 --out map.png",
+        "sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png",
     ),
-    "recordings.convert:film": ("sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4",),
+    "joints.design:design": (
+        "sinew design --walk slow.npz --walk fast.npz --gait-only --json",
+        "sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso",
+    ),
+    "recordings.convert:import_": ("sinew import decay.csv --time t_s --response angle:deg --out decay.nc",),
+    "recordings.convert:export": (
+        "sinew export out/paper --to latex --part resonance --columns pretension_mm,resonance_hz --out resonance.tex",
+        "sinew export runs/monday --to foxglove --ws-port 8765",
+        "sinew export run/recording.nc --to mat --out run/recording.mat",
+    ),
     "bench.emulate:emulate": ("sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1",),
     "bench.doctor:doctor": (
         "sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix",
@@ -77,12 +74,44 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "bench.run:run": ("sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench",),
     "bench.track:track": ("sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone",),
     "bench.serve:serve": ("sinew serve --emulate --runs runs",),
-    "bench.stream:stream": ("sinew stream runs/monday --ws-port 8765",),
     "bench.run:stop": ("sinew stop --port /dev/ttyUSB0 --state release",),
-    "recordings.reproduce:report": ("sinew report out/paper",),
+    "recordings.reproduce:report": (
+        "sinew report run/recording.nc --answers --film sweep --pretension-mm 6",
+        "sinew report paper --azimuth-deg 0 --out out/bent",
+    ),
     "recordings.reproduce:reproduce": ("sinew reproduce --out out/paper --seed 1",),
 }
-"""The function of each command, below `sinew.apps`, in the order in which they are listed, with examples."""
+"""The function of each command, below `sinew.apps`, with examples."""
+
+GROUPS = {
+    "The paper": ("reproduce", "report"),
+    "Bench": ("check", "emulate", "doctor", "run", "stop", "track", "serve"),
+    "Recordings": (
+        "look",
+        "import",
+        "analyse",
+        "identify",
+        "runs",
+        "simulate",
+        "export",
+    ),
+    "Joints": ("predict", "tune", "design", "joint", "pose", "modes", "model", "calibrate"),
+}
+"""Commands as `sinew --help` lists them."""
+
+
+JOINED = {
+    "answer": "report --answers",
+    "compare": "predict RIG RIG...",
+    "film": "report --film",
+    "gait": "design --walk",
+    "table": "export --to latex",
+    "stream": "export --to foxglove",
+    "current": "analyse --kind current",
+    "workspace": "pose --map",
+    "transfer": "model --to control",
+}
+"""What does today what a command of an earlier version did."""
 
 
 class _Commands(Mapping[str, TyperCommand]):
@@ -100,7 +129,7 @@ class _Commands(Mapping[str, TyperCommand]):
     def __getitem__(self, name: str) -> TyperCommand:
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
         epilog = "\n\n".join(f"Example: {one}" for one in COMMANDS[self.places[name]])
-        needs_port = self.places[name].startswith("bench.") and name != "stream"  # which reads what a run wrote
+        needs_port = self.places[name].startswith("bench.")
         kind = console.PortCommand if needs_port else console.NumbersCommand
         function = self.function(name)
         if not needs_port or name == "emulate":  # what a bench gave is never replaced
@@ -123,10 +152,18 @@ class _Group(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         return list(self.commands)
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and (today := JOINED.get(args[0])):
+            raise SpecError(f"sinew {args[0]} is now sinew {today}; see sinew {today.split()[0]} --help")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         named = cast(_Commands, self.commands)
-        plain: dict[str, Any] = {name: TyperCommand(name, help=inspect.getdoc(named.function(name))) for name in named}
-        TyperGroup(commands=plain).format_commands(ctx, formatter)
+        width = formatter.width - 6 - max(map(len, named))
+        for title, names in GROUPS.items():
+            whole = [TyperCommand(name, help=inspect.getdoc(named.function(name))) for name in names]
+            with formatter.section(title):
+                formatter.write_dl([(str(one.name), one.get_short_help_str(width)) for one in whole])
 
 
 app = typer.Typer(
@@ -154,32 +191,10 @@ def _sinew(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line (`sys.argv` by default, of a process of its own) and return its exit status."""
-    statuses: list[int] = []
     if arguments is None:
-        gc.set_threshold(1_000_000)  # modules make some 400 000 objects that stay; to look at them takes a tenth
-        atexit.register(_leave, statuses)  # what is registered first is called last
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a second one mostly waits for the first
-        console.hide_dask()
         if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe on Windows has no Greek letters; JSON reads \\u03bb too
             sys.stdout.reconfigure(errors="backslashreplace")
-    statuses.append(_run(arguments))
-    return statuses[0]
-
-
-def _leave(statuses: Sequence[int]) -> None:
-    """End a process whose status is known and do not take its modules apart: up to half a second where JAX is loaded.
-
-    statuses: none after an error that no command expects, whose status is Python's to say.
-    """
-    gc.freeze()
-    for status in statuses:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(AttributeError, OSError, ValueError):  # there is none, its reader has left, it is closed
-                stream.flush()
-        os._exit(status)
-
-
-def _run(arguments: Sequence[str] | None) -> int:
     try:
         status = app(args=None if arguments is None else list(arguments), standalone_mode=False, prog_name="sinew")
         if sys.stdout is not None:

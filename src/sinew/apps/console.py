@@ -5,6 +5,7 @@ import inspect
 import json
 import math
 import os
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,14 +19,14 @@ import typer
 from typer.core import TyperCommand
 
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.measure.told import Table
+from sinew.measure.result import Table
 from sinew.measure.units import number_list as listed
 from sinew.measure.units import one_number
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sinew.measure.schema import ReadKind
+    from sinew.measure.recording import ReadKind
     from sinew.measure.tasks import Spread
 
 Progress = Callable[[float, float], None]
@@ -40,7 +41,7 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.doors import write_text
+    from sinew.measure.validation import write_text
 
     write_text(path, _json_text(document))
 
@@ -79,26 +80,6 @@ def remark(sentence: str) -> None:
     sys.stderr.write(f"sinew: {' '.join(sentence.split())}\n")
 
 
-def one_key(question: str) -> str:
-    """Ask on stderr and return the one key that is pressed on stdin, in lower case; "" where either is no terminal.
-
-    What was typed before the question does not answer it.
-    """
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        return ""
-    import termios
-    import tty
-
-    here = sys.stdin.fileno()
-    before = termios.tcgetattr(here)
-    remark(question)
-    try:
-        tty.setcbreak(here, termios.TCSAFLUSH)
-        return os.read(here, 1).decode("ascii", "replace").lower()
-    finally:
-        termios.tcsetattr(here, termios.TCSADRAIN, before)
-
-
 @contextmanager
 def progress_bar(task: str) -> Iterator[Progress]:
     """Give a callable that takes (done, total) and shows a bar on stderr; in a pipe it shows nothing."""
@@ -128,6 +109,18 @@ def require_folder(folder: Path) -> Path:
             f"cannot write into {folder}: {error.strerror or error}; choose a folder that you may write with --out"
         ) from error
     return folder
+
+
+PICTURES = (".png", ".pdf", ".svg")
+"""How the name of a picture ends."""
+
+
+def require_ending(path: Path, endings: Sequence[str], *, option: str = "--out") -> Path:
+    """Return a path where a file can be written (`require_file`) whose name has one of some endings, else SpecError."""
+    if path.suffix not in endings:
+        expected = " or ".join(filter(None, (", ".join(endings[:-1]), endings[-1])))
+        raise SpecError(f"{option} is {path}, expected a name that ends with {expected}")
+    return require_file(path, option=option)
 
 
 def require_file(path: Path, *, option: str = "--out", reads: str | None = None) -> Path:
@@ -218,21 +211,10 @@ Keep = Annotated[Path | None, option("FILE", "Keeps results as they come, and go
 Device = Annotated[str, option("cpu|gpu", "What computes; a GPU where JAX finds one.", "--device")]
 
 
-def hide_dask() -> None:
-    """Keep Dask, where it is installed, out of this process until `spread_of` is asked for a scheduler.
-
-    xarray asks of its first array whether it is one of Dask's, and imports all of `dask.array` for that: half a second
-    of every command that reads a file. No array of a command is.
-    """
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # "not found", to every import
-
-
 def spread_of(scheduler: str | None, workers: int, keep: Path | None, device: str = "cpu") -> "Spread":
     """Return where the options say that tasks run. Raises SinewError where they cannot."""
     from sinew.measure.tasks import DEVICE, Spread
 
-    if scheduler is not None and sys.modules.get("dask", sys) is None:
-        del sys.modules["dask"]
     if keep is not None:
         writable_file(keep)  # it goes on from what is there
     spread = Spread(scheduler, workers, keep, device)
@@ -255,11 +237,11 @@ def read_csv(
     rate: float | None,
 ) -> "xr.Dataset":
     """Return somebody's file as a recording, with the words of the command line checked. Raises SinewError."""
-    from sinew.measure.files.csv import import_csv  # pandas and xarray: not for --help
-    from sinew.measure.schema import IMPORT_SEGMENTS
+    from sinew.measure.read import read  # pandas and xarray: not for --help
+    from sinew.measure.recording import IMPORT_SEGMENTS
 
     check_choice("--kind", kind, IMPORT_SEGMENTS)
-    return import_csv(
+    return read(
         file,
         time=time,
         response=response,
@@ -313,6 +295,39 @@ def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
     forced.__signature__ = given.replace(parameters=[*own[:-1], option, own[-1]])  # type: ignore[attr-defined]
     forced.__annotations__ = command.__annotations__ | {"force": asked}
     return forced
+
+
+_OF_THIS_CALL = {"json", "force", "scheduler", "workers", "keep", "device"}
+"""Parameters of commands that say where and how something is done, not what."""
+
+
+def given_options(context: typer.Context) -> dict[str, str]:
+    """Return what the command line holds: options as they are written, by the parameter that each gives."""
+    given = [one for one in context.command.params if one.name and _is_given(context, one.name)]
+    return {
+        str(one.name): getattr(one, "metavar", one.name) if one.opts == [one.name] else one.opts[0] for one in given
+    }
+
+
+def command_line(context: typer.Context) -> str:
+    """Return the command line that asks for the same again, its options in the order of `--help`."""
+    words = ["sinew", str(context.command.name)]
+    for one in context.command.params:
+        if one.name is None or one.name in _OF_THIS_CALL or not _is_given(context, one.name):
+            continue
+        value = context.params[one.name]
+        named = [] if one.param_type_name == "argument" else [one.opts[0]]
+        if isinstance(value, bool):
+            words += named if value else one.secondary_opts[:1]
+            continue
+        for each in value if isinstance(value, list | tuple) else [value]:
+            words += [*named, f"{each:.12g}" if isinstance(each, float) else str(each)]
+    return shlex.join(words)
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 _TABLES = {"{models}": "sinew.identify.oscillator.model:MODELS", "{keys}": "sinew.predict.oscillator:KEYS"}

@@ -10,14 +10,14 @@ from typing import Literal
 import numpy as np
 
 from sinew.bench.loop import MISSED_MOST
-from sinew.bench.preflight import MOST_ON_WIRE
+from sinew.bench.tilt import frame_from, opposite
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, may_be_widened, read_counts, unfit_settings
 from sinew.hardware.imu import ImuReading, NodeTold
-from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
+from sinew.hardware.motor import Identity, Motor, name_hardware_errors
+from sinew.hardware.ports import WANTED_MS, LatencyTimer
 from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
-from sinew.hardware.rig import ReadKind, Rig
-from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
+from sinew.hardware.rig import Rig
 from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import Imu, Limits
@@ -67,6 +67,10 @@ class Finding:
         """Whether the doctor can put it right himself."""
         return self.fix is not None
 
+    def __str__(self) -> str:
+        expected = f" (expected {self.expected})" if self.expected else ""
+        return f"{self.subject}: {self.found}{expected}{f'; {self.advice}' if self.advice else ''}"
+
 
 _WARM = 10.0  # °C below the rig's limit
 _MODES = {
@@ -77,7 +81,12 @@ _MODES = {
     5: "position with current limit",
     16: "PWM",
 }
-_STATE = ("torque_enable", "hardware_error_status", "bus_watchdog", "present_input_voltage", "present_temperature")
+STATE = (
+    "homing_offset", "temperature_limit", "max_voltage_limit", "min_voltage_limit", "torque_enable",
+    "hardware_error_status", "bus_watchdog", "present_input_voltage", "present_temperature",
+)  # fmt: skip
+"""The registers in which `examine_state` looks, by address."""
+
 
 OpenBus = Callable[[int], AbstractContextManager[Bus]]
 
@@ -152,7 +161,7 @@ def search_bauds(open_bus: OpenBus, tried: int, *, nobody: bool) -> list[Finding
 def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int, *, of_ftdi: bool = False) -> list[Finding]:
     """Return what is to be said about the port. timer: of its adapter; baud: it was opened with [1/s].
 
-    of_ftdi: the adapter is one of FTDI's, which has a timer also where the system does not show it (macOS, Windows).
+    of_ftdi: the adapter is one of FTDI's, which has a timer also where the system does not show it (macOS).
     """
     findings = []
     if baud != wiring_baud:
@@ -160,9 +169,13 @@ def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int, *, of_
             Finding("warning", "port", f"{baud} baud", f"{wiring_baud} baud", f"set the rig's wiring.baud to {baud}")
         )
     if timer is None and of_ftdi:
-        # 16 ms: FTDI AN232B-04, "Data throughput, latency and handshaking"
-        found = "an FTDI adapter, whose latency timer this system does not show; it is 16 ms unless it was set"
-        advice = "set LatencyTimer to 1 in the settings of FTDI's driver; the loop below shows whether answers wait"
+        # 16 ms, and settings of Windows alone: FTDI AN232B-04, "Adjusting the receive buffer latency timer". On macOS
+        # FTDI's driver took it from its Info.plist (FTDI TN_105), which by users' reports cannot be changed since 11.
+        found = "an FTDI adapter, whose latency timer this system does not show; by default it is 16 ms"
+        advice = (
+            "look at the loop below: if answers wait as long, use Linux, or an adapter without this timer, such as the "
+            "OpenCR's own USB; macOS has no setting for it"
+        )
         return [*findings, Finding("warning", "port", found, f"{WANTED_MS} ms", advice)]
     if timer is None:
         return [*findings, Finding("ok", "port", f"{baud} baud, no latency timer (no FTDI adapter)")]
@@ -205,35 +218,41 @@ def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
         advice = "set status_return_level to 2; then examine it again"
         return [Finding("fault", motor.name, found, "an answer to everything", advice, fix)]
     try:
-        counts = motor.get_counts(_STATE) | read_counts(motor)
+        counts = motor.get_counts(STATE) | read_counts(motor)
     except TROUBLES as trouble:
         return [Finding("fault", motor.name, str(trouble), "its registers", "")]
-    troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, rig.spec.limits)]
+    troubles = list(examine_state(motor, counts, rig.spec.limits))
     settings = unfit_settings(Post(motor, rig.spec, counts["operating_mode"]), counts)
-    # Told apart above: why it matters is said there.
+    # Result apart above: why it matters is said there.
     troubles += [_setting_finding(motor, row, counts) for row in settings if row.register != "homing_offset"]
     return [_summary(motor, identity, counts), *troubles]
 
 
 def _summary(motor: Motor, identity: Identity, counts: Mapping[str, int]) -> Finding:
     volt, mode = counts["present_input_voltage"] * motor.table["present_input_voltage"].scale, counts["operating_mode"]
-    fast = "knows" if identity.firmware >= FAST_READS_FROM else "does not know"
     found = (
-        f"id {motor.id}, {motor.table.model}, firmware {identity.firmware} ({fast} fast reads), {volt:.1f} V, "
+        f"id {motor.id}, {motor.table.model}, firmware {identity.firmware}, {volt:.1f} V, "
         f"{counts['present_temperature']} °C, mode {_MODES.get(mode, mode)}"
     )
     return Finding("ok", motor.name, found)
 
 
-def _state_findings(motor: Motor, counts: Mapping[str, int]) -> Iterator[Finding]:
+def examine_state(
+    motor: Motor, counts: Mapping[str, int], limits: Limits, *, torque_may_be_on: bool = False
+) -> Iterator[Finding]:
+    """Yield what is to be said about a motor whose registers of `STATE` hold some counts: torque, errors, climate."""
     torque = bool(counts["torque_enable"])
-    if torque:
-        advice = "end what uses it; make sure that nothing falls, then `sinew stop --port PORT --state release`"
+    if torque and not torque_may_be_on:
+        advice = (
+            "end what uses it, or go on with an interrupted run by --resume; else make sure that nothing falls, then "
+            "`sinew stop --port PORT --state release`"
+        )
         yield Finding("fault", motor.name, "torque on", "off", advice)
     if errors := name_hardware_errors(counts["hardware_error_status"]):
         fix = None if torque else Fix(motor.name, "reboot", counts["hardware_error_status"], 0)
-        advice = "find the cause (load, heat, supply), then reboot it"
-        yield Finding("fault", motor.name, f"hardware error: {', '.join(errors)}", "none", advice, fix)
+        advice = "find the cause (load, heat, supply), then reboot it (`sinew doctor --fix`)"
+        found = f"hardware error: {', '.join(errors)}{_limits_of(motor, counts, errors)}"
+        yield Finding("fault", motor.name, found, "none", advice, fix)
     if counts["bus_watchdog"] == WATCHDOG_TRIPPED:
         fix = None if torque else Fix(motor.name, "bus_watchdog", WATCHDOG_TRIPPED, 0)
         yield Finding("warning", motor.name, "stopped by its bus watchdog", "watchdog off", "a run clears it", fix)
@@ -241,27 +260,27 @@ def _state_findings(motor: Motor, counts: Mapping[str, int]) -> Iterator[Finding
         fix = Fix(motor.name, "bus_watchdog", counts["bus_watchdog"], 0)
         yield Finding("note", motor.name, "bus watchdog armed", "off between runs", "a run sets it", fix)
     if offset := counts["homing_offset"]:
-        advice = "set it to 0: with an offset the motor moves when its bus watchdog stops it"
+        advice = "set it to 0 (`sinew doctor --fix`): with an offset the motor moves when its bus watchdog stops it"
         fix = Fix(motor.name, "homing_offset", offset, 0)
         yield Finding("fault", motor.name, f"homing offset of {offset} counts", "0", advice, fix)
 
-
-def _climate_findings(motor: Motor, counts: Mapping[str, int], limits: Limits) -> Iterator[Finding]:
-    degrees = counts["present_temperature"]
-    if degrees > limits.temperature_c - _WARM:
-        hot = degrees > limits.temperature_c
-        yield Finding(
-            "fault" if hot else "warning",
-            motor.name,
-            f"{degrees} °C",
-            f"up to {limits.temperature_c:g} °C",
-            "let it cool",
-        )
+    degrees, most = counts["present_temperature"], limits.temperature_c
+    if degrees > most - _WARM:
+        severity: Severity = "fault" if degrees > most else "warning"
+        yield Finding(severity, motor.name, f"{degrees} °C", f"up to {most:g} °C", "let it cool")
     volt = counts["present_input_voltage"] * motor.table["present_input_voltage"].scale
     low, high = limits.voltage_v
     if not low <= volt <= high:
-        advice = "set the supply; if only this motor sees less, check its cable"
+        advice = "set the supply, or the rig's voltage_v; if only this motor sees less, check its cable"
         yield Finding("fault", motor.name, f"{volt:.1f} V", f"{low:g} to {high:g} V", advice)
+
+
+def _limits_of(motor: Motor, counts: Mapping[str, int], errors: Sequence[str]) -> str:
+    """Return the motor's own limits that belong to its errors; one that is set too narrow raises them for ever."""
+    names = ["temperature_limit"] if "overheating" in errors else []
+    names += ["min_voltage_limit", "max_voltage_limit"] if "input voltage" in errors else []
+    rows = [motor.table[name] for name in names]
+    return "".join(f", {row.name} {counts[row.name] * row.scale:g} {row.unit.replace('degC', '°C')}" for row in rows)
 
 
 def _setting_finding(motor: Motor, setting: Setting, counts: Mapping[str, int]) -> Finding:
@@ -360,7 +379,7 @@ def _set_timer(timer: LatencyTimer, wanted: int) -> None:
 
 _PERIOD = 2.5e-3  # twice as often as there are samples, so that none is missed
 _GRAVITY_TOLERANCE = 0.1
-_UPRIGHT = math.cos(math.radians(15))
+_LEANS = math.radians(15)
 _LOWEST_RATE = 150.0
 _ALL_NEW = 0.9  # of the answers; where more bring a new sample, some samples may have been missed
 _LARGEST_BIAS = math.radians(1.0)
@@ -442,7 +461,7 @@ def judge_imu(samples: Sequence[ImuReading], axes: tuple[str, ...], *, is_whole:
         found = f"bias of {np.abs(bias).max():.1f} °/s"
         advice = "restart its board while the head is still: it takes its zero then"
         findings.append(Finding("warning", "IMU", found, f"within {math.degrees(_LARGEST_BIAS):g} °/s", advice))
-    return findings + _gravity_findings(force, axes)
+    return findings + examine_gravity(force, axes)
 
 
 def examine_chip(rig: Rig) -> list[Finding]:
@@ -480,16 +499,31 @@ def _sample_rate(counters: Sequence[int]) -> float:
     return float(1e6 * np.round(steps / period).sum() / steps.sum())
 
 
-def _gravity_findings(force: np.ndarray, axes: tuple[str, ...]) -> list[Finding]:
+def axis_up(force: Sequence[float] | np.ndarray, axes: tuple[str, ...]) -> str | None:
+    """Return the signed axis of the chip that points up at rest, within 15°; None where it is none of them.
+
+    force: along the head's axes [m/s²]. axes: of the chip, as the wiring has them.
+    """
+    place = int(np.abs(force).argmax())
+    if abs(force[place]) <= math.cos(_LEANS) * float(np.linalg.norm(force)):
+        return None
+    return axes[place] if force[place] > 0 else opposite(axes[place])
+
+
+def examine_gravity(
+    force: Sequence[float] | np.ndarray, axes: tuple[str, ...], most_lean: float = _LEANS
+) -> list[Finding]:
+    """Return what is to be said about the force on a sensor at rest, along the head's axes [m/s²].
+
+    axes: of the chip, as the wiring has them. most_lean: of the head's x from up [rad].
+    """
     size = float(np.linalg.norm(force))
     if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
         advice = "is it at rest? is it the sensor that the wiring names?"
         return [Finding("fault", "IMU", f"{size:.2f} m/s² at rest", "9.81 m/s²", advice)]
-    if force[0] > _UPRIGHT * size:
+    if force[0] > math.cos(most_lean) * size:
         return []
-    place = int(np.abs(force).argmax())
-    up = axes[place] if force[place] > 0 else opposite(axes[place])
-    if abs(force[place]) > _UPRIGHT * size:
+    if (up := axis_up(force, axes)) is not None:
         fitting = ", ".join(f'"{axis}"' for axis in frame_from(up))
         advice = f"set the rig's wiring.imu_axes, for instance to [{fitting}]; which way round about x, a tilt shows"
     else:
@@ -521,22 +555,6 @@ def examine_loop(times: LoopTimes, wanted_hz: float) -> list[Finding]:
         return [Finding("ok", "loop", found)]
     advice = "return delay 0, latency timer 1 ms, a higher baud, fewer programs on the computer; or a lower sample_hz"
     return [Finding("warning", "loop", found, f"{wanted_hz:g} Hz", advice)]
-
-
-def examine_wire(rig: Rig, wanted_hz: float) -> list[Finding]:
-    """Return how long a cycle's bytes are on the wire, with plain and with fast reads; nobody is asked.
-
-    wanted_hz: cycles a plan asks for [1/s]. It is at most so long: in a mode that is set, goals take fewer bytes.
-    """
-    kinds: tuple[ReadKind, ...] = ("plain", "fast") if rig.imu.is_grouped else ("plain",)  # the shorter one last
-    times: dict[str | None, float] = {kind: rig.wire_s(kind) for kind in kinds}
-    told = ", ".join(f"{1e3 * time:.2f} ms with {kind} reads" for kind, time in times.items())
-    found = f"{told}, of the {1e3 / wanted_hz:.2f} ms of a cycle at {wanted_hz:g} Hz and {rig.spec.wiring.baud} baud"
-    wanted = rig.spec.wiring.reads
-    if times[wanted if wanted in times else kinds[-1]] <= MOST_ON_WIRE / wanted_hz:
-        return [Finding("ok", "wire", found)]
-    advice = "raise the baud (rig key wiring.baud and the motors' baud_rate) or lower sample_hz"
-    return [Finding("warning", "wire", found, f"up to {1e3 * MOST_ON_WIRE / wanted_hz:.2f} ms", advice)]
 
 
 def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
@@ -575,17 +593,21 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
     return [*findings, Finding("warning", "bus", f"{shown}: {told}", "no errors", advice)]
 
 
+def examine_present(
+    rig: Rig, clock: Clock, roll: Roll, wanted_hz: float = 200.0, listen_s: float = 2.0
+) -> list[Finding]:
+    """Return all that is to be said about who is there: motors, sensors, loop and bus. Raises PortError.
+
+    wanted_hz: cycles a plan asks for [1/s]. listen_s: to the sensor at rest.
+    """
+    findings, times = examine_motors(rig, roll), None
+    if rig.imu.name in roll.present:
+        findings += examine_chip(rig) + examine_imu(rig, clock, listen_s)
+    if roll.is_complete:
+        times = time_loop(rig, clock)
+        findings += examine_loop(times, wanted_hz)
+    return findings + examine_bus(rig, times)
+
+
 def _texts(vector: Sequence[float] | np.ndarray) -> str:
     return ", ".join(f"{value:+.2f}" for value in vector)
-
-
-def opposite(axis: str) -> str:
-    """Return the signed axis that points the other way."""
-    return ("-" if axis[0] == "+" else "+") + axis[1]
-
-
-def frame_from(up: str) -> tuple[str, str, str]:
-    """Return a right-handed frame of signed axes that begins with this one."""
-    letters = "xyz"
-    place = letters.index(up[1])
-    return up, "+" + letters[(place + 1) % 3], up[0] + letters[(place + 2) % 3]

@@ -16,19 +16,16 @@ import numpy as np
 from sinew.bench.doctor import (
     Finding,
     apply_fixes,
+    axis_up,
     call_roll,
-    examine_bus,
-    examine_chip,
+    examine_gravity,
     examine_imu,
-    examine_loop,
     examine_motors,
-    examine_wire,
-    frame_from,
+    examine_present,
+    judge_imu,
     list_fixes,
     listen_to_imu,
     model_name,
-    opposite,
-    time_loop,
 )
 from sinew.bench.guide_moves import (
     STEP,
@@ -37,22 +34,20 @@ from sinew.bench.guide_moves import (
     UnconfirmedError,
     answer_to,
     bring_lever_home,
-    drive_friction,
-    drive_no_load_speed,
     moving,
     pull_current,
     pull_tendon,
-    stroke_lever,
     swing_lever,
     widen_window,
 )
+from sinew.bench.tilt import frame_from, turned_frame
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import answer_everything
 from sinew.hardware.motor import RETRIES, Motor
+from sinew.hardware.ports import PLUG_ALL, PLUG_DRIVE, TURN_LEVER, LatencyTimer
 from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, encode_raw
 from sinew.hardware.rig import Rig
-from sinew.hardware.serial_port import LatencyTimer
-from sinew.measure.errors import TROUBLES, DeviceError, LimitError, LostError, PortError, StartError, StoppedError
+from sinew.measure.errors import TROUBLES, DeviceError, LimitError, LostError, PortError, StartError
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec, Wiring
 from sinew.plan.servo import COUNTS_PER_TURN, PULSE, SERVOS
@@ -65,8 +60,6 @@ OpenRig = Callable[[RigSpec], AbstractContextManager[tuple[Rig, Clock]]]
 
 NEW_BAUD = 57_600
 """Of a motor from the factory."""
-
-SLOWEST = 9_600
 
 _TWINS = 4  # questions about the present, of which two devices with one id spoil the half
 
@@ -102,7 +95,7 @@ def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> 
     A port need not know every baud. Raises PortError where it knows none.
     """
     first = (spec.wiring.baud, NEW_BAUD)
-    asked = list(bauds) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
+    asked = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
     found: list[Seen] = []
     refused: list[PortError] = []
     for baud in asked:
@@ -167,27 +160,20 @@ def give_id(open_rig: OpenRig, spec: RigSpec, found: Seen, name: str, number: in
     name: what to call it. Repeating it does no harm: what was written before stays. Raises DeviceError where the motor
     has torque, or does not take it.
     """
-    if found.id != number:
-        with open_rig(at_baud(spec, found.baud)) as (rig, _):
-            motor = Motor(rig.bus, name, found.id, MOTORS[found.number])
-            answer_everything(motor)
-            motor.require_torque_off("to get another id")
-            _write_blind(motor, "id", number)
-            _expect(rig.bus, name, number, found, found.baud)
-    if found.baud != baud:
-        with open_rig(at_baud(spec, found.baud)) as (rig, _):
-            motor = Motor(rig.bus, name, number, MOTORS[found.number])
-            answer_everything(motor)
-            motor.require_torque_off("to get another baud")
-            _write_blind(motor, "baud_rate", BAUD_RATES.index(baud))
-    with open_rig(at_baud(spec, baud)) as (rig, _):
-        _expect(rig.bus, name, number, found, baud)
-
-
-def _write_blind(motor: Motor, register: str, count: int) -> None:
-    """Write once and take no answer: it may come from the old id, or at a baud that is no longer heard."""
-    row = motor.table[register]
-    motor.bus.write(motor.id, row.address, encode_raw(row, count), retries=0)
+    writes = [("id", number, number, found.baud), ("baud_rate", BAUD_RATES.index(baud), number, baud)]
+    here = found.id, found.baud
+    for register, count, *there in writes:
+        if tuple(there) != here:
+            with open_rig(at_baud(spec, found.baud)) as (rig, _):
+                motor = Motor(rig.bus, name, here[0], MOTORS[found.number])
+                answer_everything(motor)
+                motor.require_torque_off(f"to get another {register}")
+                # once, and without its answer: that may come from the old id, or at a baud that is no longer heard
+                row = motor.table[register]
+                rig.bus.write(motor.id, row.address, encode_raw(row, count), retries=0)
+            here = there[0], there[1]
+        with open_rig(at_baud(spec, here[1])) as (rig, _):
+            _expect(rig.bus, name, number, found, here[1])
 
 
 def _expect(bus: Bus, name: str, number: int, found: Seen, baud: int) -> None:
@@ -215,8 +201,8 @@ class Person(Protocol):
         """Say what was found."""
         ...
 
-    def do(self, words: str, act: str) -> None:
-        """Ask for something to be done, and return when it is. act: the same for an emulated bench's hands."""
+    def do(self, words: str, act: int) -> None:
+        """Ask for something to be done, and return when it is. act: its number for an emulated bench, which does it."""
         ...
 
     def agrees(self, question: str) -> bool:
@@ -388,19 +374,10 @@ def _one_by_one(guide: Guide) -> list[Finding]:
     wanted = [*zip(labels, wiring.tendon_ids, strict=True), ("drive", wiring.drive_id)]
     for label, number in wanted:
         what = f"the motor of {label}" if label != "drive" else "the lever's motor (the drive)"
-        while True:
-            person.do(f"plug in {what}, alone of all motors; the board stays", f"plug {label}")
-            try:
-                told = _name_one(guide, label, number, drive if label == "drive" else tendon)
-            except TROUBLES as trouble:
-                person.tell(Finding("fault", label, str(trouble)))
-                if not person.repeats(label, True):
-                    raise StoppedError(f"{label} has no id yet; no motor has torque") from trouble
-                continue
-            person.tell(told)
-            if not person.repeats(label, False):
-                break
-    person.do("plug in all motors", "plug all")
+        act = PLUG_DRIVE if label == "drive" else wanted.index((label, number)) + 1
+        person.do(f"plug in {what}, alone of all motors; the board stays", act)
+        person.tell(_name_one(guide, label, number, drive if label == "drive" else tendon))
+    person.do("plug in all motors", PLUG_ALL)
     _await_start(guide)
     there = look_around(guide.open_rig, guide.spec, (wiring.baud,))
     if why := refuse_incomplete(there, guide.spec):
@@ -414,7 +391,9 @@ def _name_one(guide: Guide, label: str, number: int, model: int) -> Finding:
     """Give the one motor that is plugged in its id and baud. Raises DeviceError where there is another, or more."""
     _await_start(guide)
     baud = guide.spec.wiring.baud
-    seen = _motors_at(guide, (baud, NEW_BAUD)) or _motors_at(guide, ())
+    seen: list[Seen] = []
+    for bauds in ((baud, NEW_BAUD), ()):  # where it is expected, and everywhere else after that
+        seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.is_motor]
     if len(seen) != 1 or seen[0].is_double:
         raise DeviceError(
             f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected one motor, that of {label}; "
@@ -428,11 +407,6 @@ def _name_one(guide: Guide, label: str, number: int, model: int) -> Finding:
         )
     give_id(guide.open_rig, guide.spec, found, label, number, baud)
     return Finding("ok", label, f"{found} is id {number} at {baud} baud now")
-
-
-def _motors_at(guide: Guide, bauds: Sequence[int]) -> list[Seen]:
-    seen = look_around(guide.open_rig, guide.spec, dict.fromkeys(bauds))
-    return [device for device in seen if device.is_motor or device.is_double]
 
 
 def _await_start(guide: Guide) -> None:
@@ -468,7 +442,6 @@ def _set_up(guide: Guide) -> list[Finding]:
 
 
 _CHIP = ("+x", "+y", "+z")
-_UP = math.cos(math.radians(20))
 
 
 def _find_up(guide: Guide) -> list[Finding]:
@@ -476,15 +449,10 @@ def _find_up(guide: Guide) -> list[Finding]:
         _await_rest(rig, clock)
         samples, _ = listen_to_imu(rig, clock, 0.5)
     if len(samples) < 3:
-        found = f"{len(samples)} different samples"
-        return [Finding("fault", "IMU", found, "200 each second", "it is frozen or silent: restart its board")]
+        return judge_imu(samples, _CHIP)
     force = np.mean([sample.acceleration for sample in samples], axis=0)
-    place, size = int(np.abs(force).argmax()), float(np.linalg.norm(force))
-    if abs(force[place]) < _UP * size:
-        found = ", ".join(f"{value:+.2f}" for value in force)
-        advice = "level the rig, or mount the board along its axes; then repeat this step"
-        return [Finding("fault", "IMU", f"{found} m/s² along the chip's axes", "one of them up", advice)]
-    up = _CHIP[place] if force[place] > 0 else opposite(_CHIP[place])
+    if (up := axis_up(force, _CHIP)) is None:
+        return examine_gravity(force, _CHIP)
     findings = []
     if guide.spec.wiring.imu_axes[0] != up:
         old = guide.spec.wiring.imu_axes
@@ -517,7 +485,7 @@ _SHARES = (0.1, 0.95)
 def _find_lever(guide: Guide) -> list[Finding]:
     guide.person.do(
         "turn the lever by hand to its middle: along tendons 1 and 3, the cable of its motor free either way",
-        "turn lever",
+        TURN_LEVER,
     )
     with guide.open_rig(guide.suppose(drive_sign=1)) as (rig, _):
         widen_window(rig)
@@ -563,24 +531,19 @@ def _unanswered(answer: Answer) -> Finding | None:
 # The tendons: which stands where, and which way round its pulley winds.
 
 _SKEWED = 20.0
-_LOOSE_SHARE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
     """How motors stand about the head.
 
-    order: by tendon, from 0, the place in the list of motors. turns: of the frame about x in quarters. skew: of the
-    board against the tendons [deg]. off: the most that a tendon leans away from its place [deg]. misplaced: motors
-    that are not where they were believed. twin: whether the board turned by half would explain as much.
+    order: by tendon, from 0, the place in the list of motors. turns: of the frame about x in quarters. off: the most
+    that the board and one tendon together lean away from where they belong [deg].
     """
 
     order: tuple[int, ...]
     turns: int
-    skew: float
     off: float
-    misplaced: int
-    twin: bool
 
 
 def arrange(directions: Sequence[float], *, is_usual: bool = True, is_labelled: bool = True) -> Arrangement | None:
@@ -598,28 +561,14 @@ def arrange(directions: Sequence[float], *, is_usual: bool = True, is_labelled: 
         turned = [direction - turns * math.pi / 2 for direction in directions]
         mean = float(np.angle(sum(np.exp(1j * count * value) for value in turned))) / count
         slots = [round((value - mean) / pitch) % count for value in turned]
-        if len(set(slots)) < count:
-            continue
-        left = [value - mean - slot * pitch for value, slot in zip(turned, slots, strict=True)]
-        off = max(abs(float(np.angle(np.exp(1j * value)))) for value in left)
-        misplaced = sum(slot != motor for motor, slot in enumerate(slots))
-        unusual = is_usual and turns != 0
-        key = (misplaced, unusual) if is_labelled or not is_usual else (unusual, misplaced)
-        order = tuple(slots.index(tendon) for tendon in range(count))
-        found.append(((abs(mean) > math.pi / 5, *key), turns, order, mean, off, misplaced))
-    if not found:
-        return None
-    best, turns, order, mean, off, misplaced = min(found)
-    twin = sum(other[0] == best for other in found) > 1 and misplaced > 0 and is_labelled
-    return Arrangement(order, turns, math.degrees(mean), math.degrees(off), misplaced, twin)
-
-
-def turned_frame(axes: Sequence[str], turns: int) -> tuple[str, str, str]:
-    """Return axes of a frame turned about its x by quarters."""
-    x, y, z = axes
-    for _ in range(turns % 4):
-        y, z = z, opposite(y)
-    return x, y, z
+        if len(set(slots)) == count:
+            left = [value - slot * pitch for value, slot in zip(turned, slots, strict=True)]
+            off = max(abs(float(np.angle(np.exp(1j * value)))) for value in left)
+            misplaced = sum(slot != motor for motor, slot in enumerate(slots))
+            key = (misplaced, turns) if is_labelled or not is_usual else (turns, misplaced)
+            order = tuple(slots.index(tendon) for tendon in range(count))
+            found.append((abs(mean) > math.pi / 5, *key, Arrangement(order, turns, math.degrees(off))))
+    return min(found, key=lambda each: each[:3])[-1] if found else None
 
 
 def _find_tendons(guide: Guide) -> list[Finding]:
@@ -650,18 +599,10 @@ def _find_tendons(guide: Guide) -> list[Finding]:
         tendon_pull=tuple(pulls[motor].sense for motor in there.order),
         imu_axes=axes,
     )
-    tendons = guide.spec.tendons
     for tendon, motor in enumerate(there.order, start=1):
         pull = pulls[motor]
-        newton, rub = tendons.tension(pull.current), tendons.tension(pull.friction)
-        std = tendons.tension(pull.friction_std)
-        told = (
-            f"id {wiring.tendon_ids[motor]}, sense {pull.sense:+d}, contact after {1e3 * pull.travel:.1f} mm; "
-            f"friction {rub:.1f} ± {std:.1g} N at {newton:.1f} N"
-        )
-        bad = math.isfinite(rub) and rub > _LOOSE_SHARE * newton
-        advice = "is the cable straight in its guides, the pulley free?" if bad else ""
-        findings.append(Finding("warning" if bad else "ok", f"tendon {tendon}", told, "", advice))
+        told = f"id {wiring.tendon_ids[motor]}, sense {pull.sense:+d}, contact after {1e3 * pull.turned:.1f} mm"
+        findings.append(Finding("ok", f"tendon {tendon}", told))
     return findings
 
 
@@ -671,16 +612,13 @@ def _wiring_notes(guide: Guide, pulls: Sequence[Pull], there: Arrangement) -> li
         if motor != tendon:
             found = f"motor {wiring.tendon_ids[motor]} pulls tendon {tendon + 1}"
             notes.append(Finding("note", f"tendon {tendon + 1}", found, f"tendon {motor + 1}", "swapped in tendon_ids"))
-    if there.twin:
-        advice = "the same for the rig: only the numbers of all tendons go round by half"
-        notes.append(Finding("note", "tendons", "the other pair swapped, with the board turned by half", "", advice))
     for motor, pull in enumerate(pulls):
         if pull.sense != wiring.tendon_pull[motor]:
             found = f"motor {wiring.tendon_ids[motor]} pulls with {'more' if pull.sense > 0 else 'fewer'} counts"
             label = f"tendon {there.order.index(motor) + 1}"
             notes.append(Finding("note", label, found, "the other way", f"tendon_pull is {pull.sense} now"))
-    if abs(there.skew) > _SKEWED or there.off > _SKEWED:
-        found = f"the board stands {there.skew:+.0f}° off the tendons, one tendon {there.off:.0f}° off its place"
+    if there.off > _SKEWED:
+        found = f"a tendon stands {there.off:.0f}° off its place along the board's axes"
         advice = "mount the board along its axes; levelling takes longer else"
         notes.append(Finding("warning", "IMU", found, f"within {_SKEWED:.0f}°", advice))
     return notes
@@ -700,7 +638,7 @@ def _no_pull(rig: Rig, index: int, pull: Pull) -> Finding:
     return Finding("fault", f"motor {motor.id}", found, "a head that leans", advice)
 
 
-# Numbers of the drive and of the sensor.
+# The supply's voltage and the sensor's delay.
 
 _ROUNDS = 3
 _VOLT_STD = 0.03  # of a register in steps of 0.1 V
@@ -708,33 +646,21 @@ _VOLT_STD = 0.03  # of a register in steps of 0.1 V
 
 def _measure_constants(guide: Guide) -> list[Finding]:
     with guide.open_rig(guide.spec) as (rig, clock):
-        volts = [motor.get("present_input_voltage") for motor in rig.motors]
+        supply = float(np.mean([motor.get("present_input_voltage") for motor in rig.motors]))
         with moving(rig, clock, [rig.drive], guide.check) as loop:
             bring_lever_home(loop, rig)
-            swing, strokes = swing_lever(loop, _ROUNDS), stroke_lever(loop)
-    supply = float(np.mean(volts))
+            swing = swing_lever(loop, _ROUNDS)
     answer = answer_to(swing, guide.spec)
     if fault := _unanswered(answer):
         return [fault]
     if answer.share < 0:
         found = f"the head turns with the lever ({answer.share:+.2f})"
         return [Finding("fault", "drive", found, "against it", "drive_sign is wrong: repeat the step lever")]
-    friction = drive_friction(strokes, guide.spec)
-    speed = drive_no_load_speed(strokes, guide.spec, friction.value, supply)
-    slow = "sinew doctor: "
+    volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
     return [
-        guide.measure("drive.supply_voltage", supply, _VOLT_STD, slow + "register present_input_voltage of all motors"),
-        guide.measure("drive.friction", friction.value, friction.std, slow + "current of slow strokes, both ways"),
-        guide.measure("drive.no_load_speed", speed.value, speed.std, slow + "duty of slow strokes at two speeds"),
-        guide.measure(
-            "imu.residual_delay", answer.delay.value, answer.delay.std, slow + "lever steps against the gyroscope"
-        ),
-        Finding(
-            "ok",
-            "joint",
-            f"slack tendons: {answer.frequency_hz:.2f} Hz, loss factor {answer.loss_factor:.3f}, lever "
-            f"{answer.share:.2f} of the inertia",
-        ),
+        guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
+        guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
+        Finding("ok", "joint", f"the lever has {answer.share:.2f} of the inertia"),
     ]
 
 
@@ -744,9 +670,7 @@ def _examine_all(guide: Guide) -> list[Finding]:
         if not roll.is_complete:
             return roll.findings
         _await_rest(rig, clock)
-        findings = examine_motors(rig, roll) + examine_chip(rig) + examine_imu(rig, clock, 1.0)
-        times = time_loop(rig, clock)
-        findings += examine_loop(times, 200.0) + examine_wire(rig, 200.0) + examine_bus(rig, times)
+        findings = examine_present(rig, clock, roll, listen_s=1.0)
     return [finding for finding in findings if finding.severity != "note"]
 
 
@@ -756,9 +680,7 @@ STEPS = (
     Step("board", "which way up the sensor is", _find_up),
     Step("lever", "the lever's middle and sense; it moves by ±6°", _find_lever),
     Step("tendons", "which motor pulls which tendon; one at a time pulls lightly", _find_tendons),
-    Step(
-        "constants", "the drive's friction and speed, the sensor's delay; the lever moves by ±20°", _measure_constants
-    ),
+    Step("constants", "the supply's voltage, the sensor's delay; the lever moves by ±6°", _measure_constants),
     Step("check", "the whole bench as a run will find it; nothing moves", _examine_all),
 )
 """What the guide does, in this order. Each needs what those before it found."""

@@ -88,7 +88,7 @@ def widen_window(rig: Rig) -> None:
         drive.ensure_count("max_position_limit", COUNTS_PER_TURN - 1)
 
 
-# The lever is moved: to and fro in smooth steps, and slowly in triangles.
+# The lever is moved: to and fro in smooth steps.
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,22 +96,18 @@ class LeverMove:
     """What was read while the lever moved, (n,) each.
 
     time, gyro_time: of the drive's and the sensor's readings [s]. angle: of the lever in the sense of the rig so far
-    [rad]. current [A], duty [share of the supply]: of its motor, in that sense. gyro: about the head's x [rad/s].
+    [rad]. gyro: about the head's x [rad/s].
     """
 
     time: Numbers
     angle: Numbers
-    current: Numbers
-    duty: Numbers
     gyro_time: Numbers
     gyro: Numbers
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> "LeverMove":
         """Return what samples tell; the sensor's, each once."""
-        drive = np.array(
-            [(s.time_s, s.drive_rad, s.drive_current_a, s.drive_pwm) for s in samples if not math.isnan(s.drive_rad)]
-        ).reshape(-1, 4)
+        drive = np.array([(s.time_s, s.drive_rad) for s in samples if not math.isnan(s.drive_rad)]).reshape(-1, 2)
         told = {s.imu_counter_s: (s.imu_time_s, s.gyro_rad_s[0]) for s in samples if not math.isnan(s.imu_time_s)}
         gyro = np.array(list(told.values())).reshape(-1, 2)
         return cls(*drive.T, *gyro.T)
@@ -121,8 +117,6 @@ STEP = math.radians(6.0)
 STEP_S = 0.1
 _STEP_REST_S = 0.6
 _STEPS = (1.0, 0.0, -1.0, 0.0)
-SLOW = math.radians(20.0)
-_SPEEDS = (0.5, 1.2)  # rad/s
 
 
 def swing_lever(loop: Loop, rounds: int = 1) -> LeverMove:
@@ -141,20 +135,6 @@ def swing_lever(loop: Loop, rounds: int = 1) -> LeverMove:
     return LeverMove.of(samples)
 
 
-def stroke_lever(loop: Loop) -> list[LeverMove]:
-    """Return what the lever's motor says while it goes slowly to and fro, at one speed and at another."""
-    moves = []
-    for speed in _SPEEDS:
-        begin, period = loop.due, 4 * SLOW / speed
-
-        def path(time: float, begin: float = begin, period: float = period) -> float:
-            phase = (max(0.0, time - begin) / period) % 1.0
-            return SLOW * (4 * phase if phase < 0.25 else 2 - 4 * phase if phase < 0.75 else 4 * phase - 4)
-
-        moves.append(LeverMove.of(loop.run(2 * period, path)))
-    return moves
-
-
 def bring_lever_home(loop: Loop, rig: Rig) -> None:
     """Bring the lever slowly to its middle."""
     lever, begin = rig.drive.angle(), loop.due
@@ -171,18 +151,13 @@ def bring_lever_home(loop: Loop, rig: Rig) -> None:
 class Pull:
     """What a tendon motor did.
 
-    sense: of the counts that pulled, 0 where none did. travel: to contact, as length of cable [m]. lean: of the head
-    about y and z [rad], towards it. current: at contact [A]. friction: half of what winding takes more than paying out
-    does [A], and its standard deviation. turned: the farthest that the horn went [m].
+    sense: of the counts that pulled, 0 where none did. turned: the farthest that the horn went, to contact where there
+    was one, as length of cable [m]. lean: of the head about y and z [rad], towards it.
     """
 
     sense: int
-    travel: float = 0.0
-    lean: tuple[float, float] = (0.0, 0.0)
-    current: float = 0.0
-    friction: float = math.nan
-    friction_std: float = math.nan
     turned: float = 0.0
+    lean: tuple[float, float] = (0.0, 0.0)
 
 
 REACHES_M = (0.008, 0.018)
@@ -197,7 +172,6 @@ _AT_LIMIT = 0.06
 _CONTACT_S = 0.2
 _AHEAD_M = 2e-3
 _LOOK_S = 0.4
-_RUB_M, _RUB_SPEED, _RUBS = 0.3e-3, 2e-3, 3
 
 
 def pull_current(rig: Rig) -> float:
@@ -218,14 +192,12 @@ def pull_tendon(loop: Loop, rig: Rig, index: int) -> Pull:
             loop.restart()
             found, far = _seek(loop, rig, index, sense, reach)
             turned = max(turned, far)
-            if found:
-                pull = _judge(loop, rig, index, sense, before, far)
-                _go_back(loop, rig, index)
-                if pull.sense:
-                    return pull
-            else:
-                _go_back(loop, rig, index)
-    return Pull(0, turned=turned)
+            after = _lean(loop) if found else before
+            _go_back(loop, rig, index)
+            lean = (after[0] - before[0], after[1] - before[1])
+            if math.hypot(*lean) >= LEANS:
+                return Pull(sense, far, lean)
+    return Pull(0, turned)
 
 
 def _seek(loop: Loop, rig: Rig, index: int, sense: int, reach: float) -> tuple[bool, float]:
@@ -246,54 +218,6 @@ def _seek(loop: Loop, rig: Rig, index: int, sense: int, reach: float) -> tuple[b
         ahead = angle + sense * _AHEAD_M / radius
         goal = min(goal + step, ahead, start + sense * reach / radius, key=lambda value: sense * value)
     return False, far
-
-
-def _judge(loop: Loop, rig: Rig, index: int, sense: int, before: tuple[float, float], far: float) -> Pull:
-    """Return what a pull does to the head, and what its cable rubs."""
-    after = _lean(loop)
-    lean = (after[0] - before[0], after[1] - before[1])
-    angles = np.array([s.tendon_rad[index] for s in loop.run(_LOOK_S)])
-    at, radius = float(np.nanmean(angles)), loop.pulley_radius
-    current = sense * float(np.nanmean([s.tendon_current_a[index] for s in loop.run(_LOOK_S / 2)]))
-    if math.hypot(*lean) < LEANS:
-        return Pull(0, turned=far)
-    rig.tendons[index].limit_output(2 * pull_current(rig))
-    loop.restart()
-    quarter = _RUB_M / _RUB_SPEED
-    goal = loop.watch.goals[index] if abs(loop.watch.goals[index] - at) < _RUB_M / radius else at
-    rows, begin = [], loop.due
-    for _ in range(round(4 * quarter * _RUBS / loop.period)):
-        phase = ((loop.due - begin) / (4 * quarter)) % 1.0
-        wave = 4 * phase if phase < 0.25 else 2 - 4 * phase if phase < 0.75 else 4 * phase - 4
-        sample = _told(loop, index, goal + wave * _RUB_M / radius)
-        rows.append((sense * sample.tendon_rad[index], sense * sample.tendon_current_a[index]))
-    friction, std = _rubbing(np.array(rows))
-    return Pull(sense, far, lean, current, friction, std, far)
-
-
-def _rubbing(rows: Numbers) -> tuple[float, float]:
-    """Return half of the jump of the current where the horn turns round [A], and its standard deviation.
-
-    rows: angle [rad] and current [A] of a horn that goes to and fro, positive where it winds, (n, 2). The current is
-    taken to be a line over the angle, and the jump.
-    """
-    angle, current = rows.T
-    speed = np.gradient(angle)
-    moves = np.isfinite(angle + current + speed) & (np.abs(speed) > 0.3 * np.nanquantile(np.abs(speed), 0.9))
-    if moves.sum() < 20:
-        return math.nan, math.nan
-    columns = np.column_stack([np.ones(moves.sum()), angle[moves] - angle[moves].mean(), np.sign(speed[moves])])
-    return _last_of_fit(columns, current[moves])
-
-
-def _last_of_fit(columns: Numbers, values: Numbers) -> tuple[float, float]:
-    """Return the last coefficient of a least-squares fit, and its standard deviation."""
-    found, _, rank, _ = np.linalg.lstsq(columns, values, rcond=None)
-    if rank < columns.shape[1]:
-        return math.nan, math.nan
-    left = values - columns @ found
-    variance = float(left @ left) / max(1, len(values) - columns.shape[1])
-    return float(found[-1]), math.sqrt(variance * np.linalg.inv(columns.T @ columns)[-1, -1])
 
 
 def _go_back(loop: Loop, rig: Rig, index: int) -> None:
@@ -325,91 +249,9 @@ def _lean(loop: Loop) -> tuple[float, float]:
     return sum(y for y, _ in seen) / len(seen), sum(z for _, z in seen) / len(seen)
 
 
-# ---- constants of a bench out of small moves: the drive's friction and speed, the sensor's delay
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A number and its standard deviation."""
-
-    value: float
-    std: float
-
-
-# The lever's motor: what it draws, and what duty it needs, at two slow speeds.
-
-_SMOOTH = 9  # samples, to both sides alike: no delay
-_LEAST_SHARE = 0.02  # of a value, what goals in steps leave whatever the fit says: up to 3 % on the emulator
-_SLOW_HZ = 0.1  # so slow that the sensor's chain is late by one time at all that the lever does
-_TURNS_S = 0.12  # after the lever has turned round; until then its motor accelerates it
-
-
-def drive_friction(moves: Sequence[LeverMove], spec: RigSpec) -> Found:
-    """Return the Coulomb friction of the drive at its horn [N m], from what it draws while the lever goes slowly.
-
-    The current is a mean, what swinging head and lever ask, what friction takes, and something proportional to the
-    speed: goals come in steps, and readings at one moment between two of them. The torque of a current contains the
-    friction itself, (M_s + f)/I_s a unit, so f = c M_s/(I_s - c).
-    """
-    swing, current, _, speed = _gathered(moves, _delay_s(spec))
-    found, std = _fitted(np.column_stack([np.ones(len(speed)), swing, speed, np.sign(speed)]), current)
-    stall, most = spec.drive.stall_torque.value, spec.drive.stall_current.value
-    friction = found * stall / (most - found)
-    return Found(friction, max(_LEAST_SHARE * friction, std * stall * most / (most - found) ** 2))
-
-
-def drive_no_load_speed(moves: Sequence[LeverMove], spec: RigSpec, friction: float, supply: float) -> Found:
-    """Return the speed of the unloaded drive at its nominal voltage [rad/s], from the duty that two speeds need.
-
-    duty · M_0 = M + (M_s/ω_0) · speed, M = I (M_s + f)/I_s, M_0 = (M_s + f) supply/nominal. friction: f [N m].
-    supply: measured [V].
-    """
-    _, currents, duty, speed = _gathered(moves, _delay_s(spec))
-    drive = spec.drive
-    per_ampere = (drive.stall_torque.value + friction) / drive.stall_current.value
-    full = (drive.stall_torque.value + friction) * supply / drive.nominal_voltage.value
-    left = duty * full - per_ampere * currents
-    slope, std = _fitted(np.column_stack([np.ones(len(left)), speed]), left)
-    found = drive.stall_torque.value / slope
-    return Found(found, found * max(_LEAST_SHARE, std / slope))
-
-
-def _delay_s(spec: RigSpec) -> float:
-    """Return by how much the sensor's chain is late at low frequency [s]."""
-    return -float(np.angle(torsion_chain(sensor_budget(spec), _SLOW_HZ))) / (math.tau * _SLOW_HZ)
-
-
-def _gathered(moves: Sequence[LeverMove], delay: float) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return accelerations of head and lever [rad/s²], current, duty and speed, where the lever goes steadily."""
-    rows = []
-    for move in moves:
-        step = float(np.median(np.diff(move.time)))
-
-        def slope(values: Numbers, order: int = 1, step: float = step) -> Numbers:
-            return np.asarray(savgol_filter(values, _SMOOTH, 2, deriv=order, delta=step))
-
-        speed = slope(move.angle)
-        head = slope(np.interp(move.time + delay, move.gyro_time, move.gyro))
-        usual = float(np.median(np.abs(speed)))
-        steady = np.abs(np.abs(speed) - usual) < 0.25 * usual
-        steady &= np.convolve(~steady, np.ones(round(_TURNS_S / step)), "full")[: len(steady)] == 0
-        rows.append(np.column_stack([head, slope(move.angle, 2), move.current, move.duty, speed])[steady])
-    found = np.concatenate(rows)
-    return found[:, :2], *found[:, 2:].T
-
-
-def _fitted(columns: Numbers, values: Numbers) -> tuple[float, float]:
-    """Return the last coefficient of a least-squares fit, and its standard deviation."""
-    if len(values) <= columns.shape[1]:
-        return math.nan, math.nan
-    found, _, _, _ = np.linalg.lstsq(columns, values, rcond=None)
-    left = values - columns @ found
-    variance = float(left @ left) / (len(values) - columns.shape[1])
-    return float(found[-1]), math.sqrt(variance * np.linalg.pinv(columns.T @ columns)[-1, -1])
-
-
 # The sensor's delay: the head answers a step of the lever at once, what the sensor tells of it comes later.
 
+_SMOOTH = 9  # samples, to both sides alike: no delay
 _GRID_HZ = 1000.0
 _PAD_S = 6.0  # behind the record, in which the joint's swing dies away
 _LEAST_STD = 0.2e-3  # what encoder counts and unlike samples leave, whatever the fit says
@@ -420,14 +262,13 @@ class Answer:
     """How the head answers the lever.
 
     share: the lever's inertia in the whole, signed: negative where the lever turns the other way than it is told.
-    frequency_hz, loss_factor: of the joint with slack tendons. delay: of the sensor's chain beyond its low-pass and its
-    average [s]. misfit: root mean square of what the fit leaves, over that of the gyroscope.
+    delay, delay_std: of the sensor's chain beyond its low-pass and its average, and its standard deviation [s]. misfit:
+    root mean square of what the fit leaves, over that of the gyroscope.
     """
 
     share: float
-    frequency_hz: float
-    loss_factor: float
-    delay: Found
+    delay: float
+    delay_std: float
     misfit: float
 
 
@@ -466,7 +307,7 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     def fit(from_: Numbers) -> tuple[Numbers, Numbers, float]:
         done = least_squares(missed, from_ / scale, method="lm")
         slopes = np.asarray(done.jac, dtype=float)
-        spread = float(done.fun @ done.fun) / max(1, len(gyro) - len(scale))
+        spread = float(done.fun @ done.fun) / (len(gyro) - len(scale))
         covariance = np.linalg.pinv(slopes.T @ slopes) * spread
         return done.x * scale, np.sqrt(np.diag(covariance)) * scale, math.sqrt(float(np.mean(done.fun**2)))
 
@@ -475,8 +316,7 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     size = math.sqrt(float(np.mean((gyro - gyro.mean()) ** 2)))
     return Answer(
         share=float(best[0]),
-        frequency_hz=usual * float(best[1]) / math.tau,
-        loss_factor=math.tan(0.5 * math.pi * float(best[2])),
-        delay=Found(float(best[4]), max(_LEAST_STD, float(std[4]))),
+        delay=float(best[4]),
+        delay_std=max(_LEAST_STD, float(std[4])),
         misfit=left / size if size > 0 else math.inf,
     )

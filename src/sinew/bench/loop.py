@@ -87,7 +87,7 @@ class Loop:
         self.late_s, self.paused = 0.0, False
         self._volts: dict[str, float] = {}
         self._told: tuple[float, ...] | None = None
-        self._due = math.nan
+        self._due = self._stepped = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
         self._after_hole = False
         self._waited: deque[bool] = deque(maxlen=_MISSED_WINDOW)
@@ -107,11 +107,6 @@ class Loop:
         """The pulleys' radius on the tendon motors [m]."""
         return self._rig.spec.tendons.pulley_radius.value
 
-    @property
-    def drive_sign(self) -> int:
-        """1 where more counts turn the lever positively against the head, else -1, as the rig has it."""
-        return self._rig.spec.wiring.drive_sign
-
     def tension(self, current: float) -> float:
         """Return the tension [N] that a tendon's motor holds with a current [A]."""
         return self._rig.spec.tendons.tension(current)
@@ -127,6 +122,17 @@ class Loop:
         """Begin to count deadlines anew, after a stretch without cycles."""
         self._due, self.paused, self._told = self._clock.now(), False, None
         self._guard.forget(self._due)
+
+    def begin_steps(self) -> None:
+        """Begin a stretch of steps that have no cycle."""
+        self._stepped = self._clock.now()
+
+    def step(self) -> None:
+        """Look, between two such steps, whether the run is to end, and whether the computer paused in the last one."""
+        self._check()
+        if (took := self._clock.now() - self._stepped) > WATCHDOG_S:
+            self.refuse_stopped(took)
+        self._stepped = self._clock.now()
 
     def set_goals(
         self, goals: Sequence[float], *, resting: bool = False, pose: tuple[float, float] | None = None

@@ -3,19 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 
+from sinew.bench.doctor import STATE, examine_gravity, examine_state
 from sinew.hardware.bus import Clock, Outcome, Reply
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig, wire_s
 from sinew.measure.errors import TROUBLES, PortError, StartError
-from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.plan import Plan, require_motors
-from sinew.plan.rig import Limits, RigSpec
+from sinew.plan.rig import RigSpec
 
 _LISTEN_S = 0.06
 _ATTEMPTS = 3
 _IMU_ATTEMPTS = 5
-_GRAVITY_TOLERANCE = 0.1
 _LEANING = math.acos(0.9)
 
 
@@ -36,10 +35,6 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
         raise StartError(str(trouble)) from trouble
     if reasons:
         raise StartError("; ".join(reasons))
-    try:
-        _refuse_slow_reads(rig, plan)
-    except PortError as trouble:
-        raise StartError(str(trouble)) from trouble
 
 
 MOST_ON_WIRE = 0.8
@@ -47,32 +42,21 @@ MOST_ON_WIRE = 0.8
 
 
 def wire_times(plan: Plan, rig: RigSpec) -> dict[str, float]:
-    """Return how long a cycle of a plan is on the wire, with plain and with fast reads, and how long it may be [ms]."""
-    mode = plan.pretension.mode
-    times = wire_s(rig, mode, "plain"), wire_s(rig, mode, "fast"), MOST_ON_WIRE / plan.sample_hz
-    return {name: round(1e3 * time, 3) for name, time in zip(("plain_ms", "fast_ms", "limit_ms"), times, strict=True)}
+    """Return how long a cycle of a plan is on the wire, and how long it may be [ms]."""
+    return {
+        "cycle_ms": round(1e3 * wire_s(rig, plan.pretension.mode), 3),
+        "limit_ms": round(1e3 * MOST_ON_WIRE / plan.sample_hz, 3),
+    }
 
 
 def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
-    """Refuse a sample rate that the bytes of a cycle alone do not allow, however they are asked for."""
-    if rig.wire_s("plain" if rig.spec.wiring.reads == "plain" else "fast") > MOST_ON_WIRE / plan.sample_hz:
-        raise StartError(_too_slow(rig.wire_s("plain"), rig, plan))
-
-
-def _refuse_slow_reads(rig: Rig, plan: Plan) -> None:
-    """Choose how devices are asked, and refuse a sample rate that this does not allow."""
-    reads = rig.choose_reads(1 / plan.sample_hz)
-    if rig.wire_s() > MOST_ON_WIRE / plan.sample_hz:
-        why = f"{reads.why}; " if reads.why else ""
-        raise StartError(f"{why}{_too_slow(rig.wire_s(), rig, plan)}")
-
-
-def _too_slow(needed: float, rig: Rig, plan: Plan) -> str:
-    return (
-        f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
-        f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
-        "motors' baud_rate) or lower sample_hz"
-    )
+    """Refuse a sample rate that the bytes of a cycle alone do not allow."""
+    if rig.wire_s > MOST_ON_WIRE / plan.sample_hz:
+        raise StartError(
+            f"a cycle needs {1e3 * rig.wire_s:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
+            f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
+            "motors' baud_rate) or lower sample_hz"
+        )
 
 
 def _refuse_strangers(rig: Rig, clock: Clock) -> None:
@@ -146,34 +130,19 @@ def _other_models(rig: Rig) -> Iterator[str]:
 
 def _motor_reasons(rig: Rig, torque_may_be_on: bool) -> Iterator[str]:
     """Yield what is wrong with the motors; the same at several of them is one reason."""
-    found: dict[tuple[str, str], list[str]] = {}
+    found: dict[tuple[str, str, str], list[str]] = {}
     for motor in rig.motors:
         try:
-            for reason in _troubles(motor, rig.spec.limits, torque_may_be_on):
-                found.setdefault(reason, []).append(motor.name)
+            counts = motor.get_counts(STATE)
         except TROUBLES as trouble:
             yield str(trouble)
-    for (what, advice), names in found.items():
-        yield f"{what} at {'all motors' if len(names) == len(rig.motors) else _listed(names)}{advice}"
-
-
-def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[tuple[str, str]]:
-    """Yield (what is wrong, what to do) with a motor. Raises HardwareError where it does not answer."""
-    if errors := motor.hardware_errors():
-        what = f"hardware error ({', '.join(errors)}{_limits_of(motor, errors)})"
-        yield what, "; find the cause, then reboot it (`sinew doctor --fix`)"
-    if motor.torque_is_on() and not torque_may_be_on:
-        advice = ": another program may be using it; end that, or `sinew stop`, or go on with an interrupted run by"
-        yield "torque is on", f"{advice} --resume"
-    temperature, voltage = motor.get("present_temperature"), motor.get("present_input_voltage")
-    if temperature > limits.temperature_c:
-        yield f"{temperature:.0f} °C", f", the rig allows {limits.temperature_c:g}; let it cool"
-    low, high = limits.voltage_v
-    if not low <= voltage <= high:
-        yield f"a supply of {voltage:.1f} V", f", the rig expects {low:g} to {high:g} (voltage_v); set the supply"
-    if motor.get_count("homing_offset") != 0:
-        advice = ", expected 0: with one the firmware moves the motor when its bus watchdog trips; remove it"
-        yield "homing offset", f"{advice} (`sinew doctor --fix`)"
+            continue
+        for one in examine_state(motor, counts, rig.spec.limits, torque_may_be_on=torque_may_be_on):
+            if one.severity == "fault":
+                found.setdefault((one.found, one.expected, one.advice), []).append(motor.name)
+    for (what, expected, advice), names in found.items():
+        who = "all motors" if len(names) == len(rig.motors) else _listed(names)
+        yield f"{what} at {who}, expected {expected}; {advice}"
 
 
 def _lever_reasons(rig: Rig) -> list[str]:
@@ -196,14 +165,6 @@ def _lever_reasons(rig: Rig) -> list[str]:
     ]
 
 
-def _limits_of(motor: Motor, errors: Sequence[str]) -> str:
-    """Return the motor's own limits that belong to its errors; one that is set too narrow raises them for ever."""
-    names = ["temperature_limit"] if "overheating" in errors else []
-    names += ["min_voltage_limit", "max_voltage_limit"] if "input voltage" in errors else []
-    units = {name: motor.table[name].unit.replace("degC", "°C") for name in names}
-    return "".join(f", {name} {motor.get(name):g} {units[name]}" for name in names)
-
-
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -221,14 +182,8 @@ def _imu_reasons(rig: Rig, clock: Clock, held: float) -> Iterator[str]:
         return
     if first.counter == second.counter:
         yield f"the IMU repeats one sample for {1e3 * _LISTEN_S:.0f} ms; restart its board"
-    size = math.hypot(*second.acceleration)
-    if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
-        yield f"the IMU reads {size:.2f} m/s² at rest, expected 9.81; is the joint moving, or is it another sensor?"
-    elif second.acceleration[0] < math.cos(_LEANING + held) * size:
-        yield (
-            f"the IMU reads {second.acceleration[0]:.2f} m/s² along the joint, expected about 9.81 with the rig "
-            "upright; set wiring.imu_axes to how the board is mounted"
-        )
+    for finding in examine_gravity(second.acceleration, rig.spec.wiring.imu_axes, _LEANING + held):
+        yield f"{finding.subject}: {finding.found}, expected {finding.expected}; {finding.advice}"
 
 
 def _imu_reading(rig: Rig) -> ImuReading | None:

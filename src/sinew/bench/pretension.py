@@ -18,15 +18,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
-from sinew.bench.tilt import tilt_of
+from sinew.bench.tilt import tilt_of, turned_frame
 from sinew.hardware.rig import Rig
+from sinew.measure.arrays import Complexes
 from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
-from sinew.plan.servo import COUNTS_PER_TURN
 
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
@@ -42,7 +44,7 @@ LEVEL_RATE = 1.5
 LEVEL_MEMORY_S = 0.18
 """Time constant of each of the two low-passes through which it sees the tilt [s]."""
 # A head with mass sways on its tendons with little damping, and an accelerometer takes that for up to a thousand times
-# the tilt that was asked for (`python -m campaigns.levelling`). So there is no proportional part, and rate, memory and
+# the tilt that was asked for (decision 29). So there is no proportional part, and rate, memory and
 # the sway's peak set the margin: rate·peak/(ω(1 + (ω·memory)²)) stays below 1/3 for every sway of the rig, while
 # rate·memory = 0.27 leaves 60° of phase where the tilt follows at once.
 
@@ -72,12 +74,8 @@ _MOST_LOOKS = 2
 # place is the mean of what the counts made of it in that time, and of what was still lacking.
 
 
-# Levelling watches itself: a correction tilts the plate by 0.75 to 1.08 of itself (docs/decisions/0029).
-
-_FALLS_S = 3.0  # 4.5 times as long as the integrator needs for a factor e
-_FALLS_TO = 0.7  # of the tilt at the begin; e^-4.5 is 0.01, and a head with mass sways
-_CORRECTS = 2.5  # times the tilt at the begin; 1/0.75, and what a swaying head asks for on the way
-_PULLS = 1.3  # times the tension that the twin expects, beside LIMIT_RESERVE_N
+_LEAST_GAIN = 0.75  # of tilt by its correction; by current it is 0.75 to 1.08, by position near 1 (docs/decisions/0029)
+_PULLS = 1.3  # times the tension that the twin expects, beside LIMIT_RESERVE_N; the paper leaves it open by a quarter
 _WIRED = "are tendons on the right motors (wiring.tendon_ids, tendon_pull), and is wiring.imu_axes right?"
 
 
@@ -125,6 +123,7 @@ def level(
     gain, integral, quiet = LEVEL_RATE * loop.period, start, 0.0
     once: tuple[float, float] | None = None
     smooth: tuple[float, float] | None = None
+    acted = at_once = start  # the correction behind the same low-passes: what the tilt that is seen answers to
     way: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
     most = [_PULLS * newtons + LIMIT_RESERVE_N for newtons in expected_n]
     first: float | None = None
@@ -138,8 +137,10 @@ def level(
         once = _followed(once, (seen[0] - pose[0], seen[1] - pose[1]), weight)
         smooth = _followed(smooth, once, weight)
         tilt = math.hypot(*smooth)
+        at_once = _followed(at_once, integral, weight)
+        acted = _followed(acted, at_once, weight)
         first = tilt if first is None else max(first, tilt) if k * loop.period <= LEVEL_MEMORY_S else first
-        _refuse_astray(tilt, first, math.dist(integral, start), k * loop.period, accepted)
+        _refuse_astray(tilt, first, math.dist(acted, start), accepted)
         quiet = quiet + loop.period if tilt < enough else 0.0
         if quiet >= hold:
             return Levelling(integral, tilt, k * loop.period)
@@ -159,7 +160,8 @@ def level(
             made = whole(integral)
             way.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
         if len(way) == way.maxlen and _width([at for at, _ in way]) < _STANDS_COUNTS * count:
-            integral, look = _mean([place for _, place in way]), k + round(_LOOKS_S / loop.period)
+            integral = statistics.fmean(y for _, (y, _) in way), statistics.fmean(z for _, (_, z) in way)
+            look = k + round(_LOOKS_S / loop.period)
             way.clear()
         loop.set_goals(goals(integral))
     if smooth is not None and math.hypot(*smooth) < accepted:
@@ -181,18 +183,17 @@ def _refuse_pull(loop: Loop, sample: Sample, most: Sequence[float]) -> None:
             )
 
 
-def _refuse_astray(tilt: float, first: float, moved: float, passed_s: float, accepted: float) -> None:
-    """Raise where a tilt [rad] does not answer to its correction, which has `moved` [rad]; first: tilt at the begin."""
-    found, began = math.degrees(tilt), math.degrees(first)
-    if tilt > accepted and passed_s > _FALLS_S and tilt > _FALLS_TO * first:
+def _refuse_astray(tilt: float, first: float, corrected: float, accepted: float) -> None:
+    """Raise where a correction [rad] has not tilted the plate back; first: tilt at the begin [rad].
+
+    corrected: behind the low-passes that the tilt is seen through, else a plate that follows looks as if it did not.
+    A correction as large as this one takes back the whole tilt of a rig that is as it should be, none of another. More
+    than half of it left is nearer to none.
+    """
+    if tilt > max(accepted, 0.5 * first) and _LEAST_GAIN * corrected > max(first, accepted):
         raise LostError(
-            f"the tilt of the head plate does not fall: {found:.2f}° after {passed_s:.1f} s of levelling, {began:.2f}° "
-            f"before; {_WIRED}"
-        )
-    if tilt > accepted and moved > _CORRECTS * max(first, accepted):
-        raise LostError(
-            f"the head plate is still tilted by {found:.2f}°, {began:.2f}° before, though its tendons were corrected "
-            f"by {math.degrees(moved):.2f}°; {_WIRED}"
+            f"the head plate is still tilted by {math.degrees(tilt):.2f}°, {math.degrees(first):.2f}° before, though "
+            f"its tendons were corrected by {math.degrees(corrected):.2f}°; {_WIRED}"
         )
 
 
@@ -203,10 +204,6 @@ def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight
 def _width(way: Sequence[Tilt]) -> float:
     widths = [max(at[i] for at in way) - min(at[i] for at in way) for i in (0, 1)]
     return max(widths)
-
-
-def _mean(way: Sequence[Tilt]) -> Tilt:
-    return sum(y for y, _ in way) / len(way), sum(z for _, z in way) / len(way)
 
 
 PULL_SPEED = 0.015
@@ -253,10 +250,6 @@ class Contact:
     current: float
 
 
-_MEAN_WEIGHT = 0.01  # of the mean current's rounding, in squares, against that of the tilt
-_SUM_WEIGHT = 100.0  # of the take-up's: tilt is levelled again, the pretension is not, and it is in every number
-
-
 class MotorMap:
     """The linear map from pretension and tilt correction to goals of the tendon motors.
 
@@ -299,14 +292,14 @@ class MotorMap:
             tensions = self._held[pretension_mm].tension_n
             per_rise = self.tilt_stiffness(pretension_mm) / sum(y * y for y, _ in self._points)
             wanted = [max(0.0, (t + per_rise * u) * self.newton) for t, u in zip(tensions, rises, strict=True)]
-            return self._in_counts(wanted, self._lsb, _MEAN_WEIGHT)
+            return self._in_counts(wanted, self._lsb)
         take_up = (pretension_mm,) * len(rises) if held is None else held.take_up_mm  # None: on its way
         first = self._first + self._contact_tension / self._servo
         turned = [
             angle + (1e-3 * mm + first + rise) / self.radius
             for angle, mm, rise in zip(self._contact.angles, take_up, rises, strict=True)
         ]
-        return self._in_counts(turned, self._count, _SUM_WEIGHT)
+        return self._in_counts(turned, self._count)
 
     def count(self, pretension_mm: float) -> float:
         """Return by how much one count of current in one tendon tilts the plate [rad]; zero by position."""
@@ -334,20 +327,22 @@ class MotorMap:
         pulled = sum(self._held[pretension_mm].tension_n)
         return max(0.25 * self._bending, self._bending - pulled * self._length / 12)
 
-    def _in_counts(self, wanted: Sequence[float], lsb: float, mean_weight: float) -> tuple[float, ...]:
+    def _in_counts(self, wanted: Sequence[float], lsb: float) -> tuple[float, ...]:
         """Return currents [A] or angles [rad] in whole counts of a size, up or down each, that come nearest to what was
-        wanted: in tilt, and by a weight in their sum.
+        wanted: by current first in tilt, by position first in their sum.
 
         Rounded one by one, two tendons that face each other may both step at once. That leaves a whole count of tilt
-        between, or moves the pretension by half a count, some 0.1 % of the tension, with whatever tilt was seen.
+        between, or moves the pretension by half a count, some 0.1 % of the tension, with whatever tilt was seen. By
+        position the tilt is levelled again, and the pretension, which is in every number, is not.
         """
         below = [math.floor(value / lsb) for value in wanted]
         rest = [value / lsb - low for value, low in zip(wanted, below, strict=True)]
 
-        def off(up: Sequence[int]) -> float:
+        def off(up: Sequence[int]) -> tuple[float, ...]:
             missed = [step - part for step, part in zip(up, rest, strict=True)]
             y, z = (sum(m * at[i] for m, at in zip(missed, self._points, strict=True)) for i in (0, 1))
-            return (y * y + z * z) / self.guide_radius**2 + mean_weight * sum(missed) ** 2
+            both = round(math.hypot(y, z) / self.guide_radius, 9), round(abs(sum(missed)), 9)  # alike but for rounding
+            return both if self.by_current else both[::-1]
 
         best = min(itertools.product((0, 1), repeat=len(wanted)), key=off)
         return tuple(lsb * (low + step) for low, step in zip(below, best, strict=True))
@@ -358,7 +353,7 @@ class MotorMap:
 
     def tension(self, pretension_mm: float) -> float:
         """Return the mean tension of the tendons at rest that belongs to a pretension [N]."""
-        return sum(self.tensions(pretension_mm)) / len(self.tensions(pretension_mm))
+        return statistics.fmean(self.tensions(pretension_mm))
 
     def reached_mm(self, angles: Sequence[float], currents: Sequence[float]) -> float:
         """Return the mean take-up since first contact [mm], of horns at angles [rad] under currents [A]."""
@@ -410,100 +405,96 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
 # The wiring is looked at while the tendons only carry first contact: each gives way a little, one after the other, and
 # the plate must rise above that one. No tension rises, whatever is wrong.
 
-_GIVES_DEG = 1.0  # of tilt, if the others stayed where they are; an accelerometer's mean tells a hundredth
-_GIVES_S, _SEES_S = 0.1, 0.15
-_RISES = 0.2  # of that, at least, for the plate to have risen
-_BESIDE = math.radians(30.0)  # of 90° between four tendons
-_STANDS = 0.5 * math.radians(_GIVES_DEG)  # a plate that sways by more tells nothing of where it rises
+_GIVES_DEG = 1.0  # of tilt; 21 counts of the paper's horns, and a tenth of the tilt that its rig allows
+_GIVES_S, _SEES_S = 0.2, 0.2  # two thirds each of the slowest sway of the paper's head at first contact, 3 Hz
+_ODDS = 1e4  # of a wiring against every other; a wrong accusation costs a run
+_ANY_ORDER = 5  # tendons; six have 720 orders
+_ROUNDS = 4  # in which a heavy head's sway dies away; of one that sways on nothing is said
 
 
 def refuse_wrong_wiring(loop: Loop, rig: Rig, goals: Sequence[float]) -> None:
     """Have each tendon give way a little and raise LostError where the head plate rises elsewhere: it names tendons
     that answer to each other's commands, a board that is turned, and the key of the rig.
 
-    The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad]. Of a head that still sways nothing
-    is said here: levelling watches itself.
+    The tendon motors pull at first contact; goals: theirs, ahead of the horns [rad]. The tendons give way, round by
+    round, until one of all wirings that are thought of is _ODDS times as likely as every other.
     """
     tendons = rig.spec.tendons
-    give = math.radians(_GIVES_DEG) * tendons.head_radius.value / loop.pulley_radius
-    turns = [math.tau * i / tendons.count for i in range(tendons.count)]
-    stood = list(loop.cycle().tendon_rad)
-    level_at, swayed = _seen_tilt(loop, goals)
-    if swayed > _STANDS:
-        return
-    rises = []
-    for index in range(tendons.count):
-        loop.set_goals([stood[i] - give if i == index else goal for i, goal in enumerate(goals)])
-        (y, z), sways = _seen_tilt(loop, loop.watch.goals)
-        rises.append((level_at[1] - z, y - level_at[0]))  # along y and z of the plate's highest point
-        swayed = max(swayed, sways)
-    back, sways = _seen_tilt(loop, goals)
-    if max(swayed, sways, math.dist(back, level_at)) > _STANDS:
-        return
-    still = [i for i, rise in enumerate(rises) if math.hypot(*rise) < _RISES * math.radians(_GIVES_DEG)]
-    if still:
-        raise LostError(
-            f"tendon {still[0] + 1} gave way by {1e3 * give * loop.pulley_radius:.2f} mm, and the head plate stands as "
-            "before; is its cable free, and is the sensor on the head plate?"
-        )
-    off = [math.remainder(math.atan2(z, y) - turn, math.tau) for (y, z), turn in zip(rises, turns, strict=True)]
-    if all(abs(angle) < _BESIDE for angle in off):
-        return
-    if all(abs(math.remainder(angle - off[0], math.tau)) < _BESIDE for angle in off):
-        raise LostError(
-            f"whichever tendon gives way, the head plate rises {math.degrees(abs(off[0])):.0f}° beside it: the board "
-            f"is turned about x; {_board_advice(off[0], rig.spec.wiring.imu_axes)}"
-        )
-    over = [
-        min(range(len(turns)), key=lambda j: abs(math.remainder(turns[i] + a - turns[j], math.tau)))
-        for i, a in enumerate(off)
-    ]
-    moved = [i for i, j in enumerate(over) if i != j]
-    first, other = moved[0] + 1, over[moved[0]] + 1
-    if len(moved) == 2 and over[over[moved[0]]] == moved[0]:
-        raise LostError(
-            f"tendons {first} and {other} answer to each other's commands: the head plate rises above one where the "
-            "other gives way; swap their ids in wiring.tendon_ids, or their cables"
-        )
-    raise LostError(
-        f"where tendon {first} gives way the head plate rises above tendon {other}: tendons are not in the order of "
-        "wiring.tendon_ids; `sinew doctor --guide` finds it"
-    )
+    radius, give = tendons.head_radius.value, math.radians(_GIVES_DEG)
+    wirings = _wirings(tendons.count, rig.spec.wiring.imu_axes)
+    expected = give * np.array([[*each, 0.0] for each, _ in wirings])
+    # From where the plate leant, and with what bias of the gyroscope, is free. A horn stands to within a count.
+    free = np.linalg.qr(np.vander(np.arange(tendons.count + 1.0), 2))[0]
+    counted = math.tau / tendons.counts_per_turn.value * loop.pulley_radius / radius
+    likely = np.zeros(len(wirings))
+    for _ in range(_ROUNDS):
+        seen, spread = _places(loop, goals, give * radius / loop.pulley_radius)
+        off = seen - expected
+        likely -= (np.abs(off - off @ free @ free.T) ** 2).sum(axis=1) / (2 * (spread**2 + counted**2))
+        second, best = np.argsort(likely)[-2:]
+        if likely[best] - likely[second] > math.log(_ODDS):
+            if best > 0:
+                raise LostError(wirings[best][1])
+            return
 
 
-def _seen_tilt(loop: Loop, goals: Sequence[float]) -> tuple[Tilt, float]:
-    """Return the mean tilt of the plate about y and z [rad] a moment after the motors got goals [rad], and the standard
-    deviation of its samples [rad]."""
-    loop.set_goals(goals)
-    loop.run(_GIVES_S)
-    seen = [tilt for sample in loop.run(_SEES_S) if (tilt := rest_tilt(sample)) is not None]
-    if not seen:
-        raise LostError("no reading of the IMU came while the tendons were looked at; check its cable")
-    return _mean(seen), math.hypot(*(statistics.pstdev(axis) for axis in zip(*seen, strict=True)))
+def _wirings(count: int, axes: Sequence[str]) -> list[tuple[Complexes, str]]:
+    """Return where the plate rises as each of some tendons gives way, along y + i·z, and what is said of that; first as
+    the rig says, then where ids are in another order, the board is turned, or the sensor is elsewhere. That one tendon
+    does not move the plate is no wiring: weak servos move late. axes: of the board, as the rig has them.
+    """
+    right = np.exp(2j * np.pi * np.arange(count) / count)
+    found = [(right, "")]
+    for quarter in (1, 2, 3):
+        said = f"whichever tendon gives way, the head plate rises {min(quarter, 4 - quarter) * 90}° beside it: the "
+        found.append((1j**quarter * right, f"{said}board is turned about x; {_board_advice(quarter, axes)}"))
+    for order in itertools.permutations(range(count)) if count <= _ANY_ORDER else ():
+        if not any(np.allclose(right[list(order)], each) for each, _ in found):
+            moved = [str(i + 1) for i, j in enumerate(order) if i != j]
+            said = f"tendons {', '.join(moved[:-1])} and {moved[-1]} answer to each other's commands: the head plate "
+            said += "rises above one where another gives way; swap their ids in wiring.tendon_ids, or their cables"
+            found.append((right[list(order)], said))
+    return [*found, (0 * right, "no tendon that gives way moves the head plate; is the sensor on it?")]
 
 
-def _board_advice(turned: float, axes: Sequence[str]) -> str:
-    """Return what to write for a board that is turned about x [rad] against its axes."""
-    x, y, z = axes
-    minus = {"+": "-", "-": "+"}
-    quarter = round(turned / (math.pi / 2)) % 4
-    right = {1: (x, z, minus[y[0]] + y[1:]), 2: (x, minus[y[0]] + y[1:], minus[z[0]] + z[1:])}
-    right[3] = (x, minus[z[0]] + z[1:], y)
-    if quarter not in right:
-        return "correct wiring.imu_axes, or mount the board along its axes"
-    return f"set wiring.imu_axes to {list(right[quarter])}, or wiring.tendon_ids is shifted all round"
+def _places(loop: Loop, goals: Sequence[float], give: float) -> tuple[Complexes, float]:
+    """Return where the plate's highest point is as each tendon gives way, and as none does [rad], along y + i·z from
+    where it was, with a drift; and how much it sways about there, a standard deviation along an axis [rad].
+
+    The gyroscope shows it: an accelerometer takes a sway of 3 Hz for four times its tilt. give: by how much the horns
+    turn back [rad].
+    """
+    stood = loop.cycle().tendon_rad
+    ramp, sees = (round(duration / loop.period) for duration in (_GIVES_S, _SEES_S))
+    rates: list[complex] = []
+    for index in range(len(goals) + 1):
+        for k in range(1, ramp + sees + 1):
+            share = min(1.0, k / ramp)
+            shares = [(i == index) * share + (i == index - 1) * (1 - share) for i in range(len(goals))]
+            each = zip(goals, stood, shares, strict=True)
+            loop.set_goals([at - part * give if part > 0 else goal for goal, at, part in each])
+            _, y, z = loop.cycle().gyro_rad_s
+            rates.append(1j * complex(y, z) if not math.isnan(y) else rates[-1] if rates else 0.0)
+    looks = np.cumsum(rates).reshape(len(goals) + 1, -1)[:, ramp:] * loop.period
+    return looks.mean(axis=1), float(np.sqrt(looks.var(axis=1).mean() / 2))
+
+
+def _board_advice(quarter: int, axes: Sequence[str]) -> str:
+    """Return what to write for a board that is turned about x by quarters against its axes."""
+    right = list(turned_frame(axes, quarter))
+    return f"set wiring.imu_axes to {right}, or wiring.tendon_ids is shifted all round"
 
 
 _NUDGE, _NUDGE_S, _NUDGE_REST_S = math.radians(3.0), 0.08, 0.08
+# The lever's servo follows such a move, and the head, which swings at some 3 Hz, has hardly begun to swing back.
 
 
 def refuse_wrong_drive_sign(loop: Loop, spec: RigSpec, lever: float, gyro_bias: float) -> None:
     """Move the lever by 3° towards its middle, and raise LostError where the head turns with it and not against it.
 
-    lever: where it stands [rad]; it is left 3° from there. gyro_bias: about x [rad/s]. While the lever speeds up, and
-    for a quarter of the head's own period at most, the head turns against it: by paper Eq. 3 its rate is minus the sum
-    of the lever's past accelerations, each times the cosine of the phase that the head has swung since. Later it swings
-    back. A head that does not answer at all says nothing.
+    lever: where it stands [rad]; it is left 3° from there. gyro_bias: about x [rad/s]. The head turns by paper Eq. 3 on
+    the bare silicone, I φ'' = -k φ - I_l θ'', under the lever's angle θ as it was measured; with the wrong sign by the
+    opposite. Of that, its opposite and nothing at all the nearest counts.
     """
     begin, step = loop.due, -math.copysign(_NUDGE, lever)
 
@@ -511,22 +502,23 @@ def refuse_wrong_drive_sign(loop: Loop, spec: RigSpec, lever: float, gyro_bias: 
         share = min(1.0, max(0.0, (time - begin) / _NUDGE_S))
         return lever + step * 0.5 * (1 - math.cos(math.pi * share))
 
-    samples = loop.run(_NUDGE_S + _NUDGE_REST_S, path)
     inertia = spec.inertia.head.value + spec.inertia.lever.value
-    quarter = 0.5 * math.pi * math.sqrt(inertia / spec.silicone.stiffness(0.0))
-    moved = [s.time_s for s in samples if abs(s.drive_rad - lever) > _MOVES]
-    last = min(moved, default=begin) + min(0.5 * _NUDGE_S, quarter)
-    early = [s.gyro_rad_s[0] for s in samples if s.time_s < last]
-    turned = sum(rate - gyro_bias for rate in early if not math.isnan(rate)) * loop.period
-    if turned * step > _TURNS_WITH * step**2:
+    against, square = spec.inertia.lever.value / inertia, spec.silicone.stiffness(0.0) / inertia
+    turned = free = rate = match = power = 0.0
+    for sample in loop.run(_NUDGE_S + _NUDGE_REST_S, path):
+        if math.isnan(sample.gyro_rad_s[0] + sample.drive_rad):
+            continue
+        turned += (sample.gyro_rad_s[0] - gyro_bias) * loop.period
+        expected = free - against * (sample.drive_rad - lever)
+        rate -= square * expected * loop.period
+        free += rate * loop.period
+        match, power = match + turned * expected, power + expected**2
+    if match < -0.5 * power:
         raise LostError(
-            f"the lever was moved by {math.degrees(step):.0f}° against the head, and the head turned by "
-            f"{math.degrees(turned):+.2f}°, the same way: wiring.drive_sign is wrong, expected {-loop.drive_sign}"
+            f"the lever was moved by {math.degrees(step):.0f}° against the head, and the head turned the same way, "
+            f"{-match / power:.2f} times as far as it should turn back: wiring.drive_sign is wrong, expected "
+            f"{-spec.wiring.drive_sign}"
         )
-
-
-_TURNS_WITH = 0.02  # of the lever's move
-_MOVES = 2 * math.tau / COUNTS_PER_TURN  # the lever, for certain
 
 
 def _crept(loop: Loop, count: float) -> Contact:

@@ -78,6 +78,9 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
             frozen.names |= there
             frozen.took_s = clock.now() - start
         pending = [motor for motor in pending if motor.name not in there]
+        if silent := [motor for motor in pending if motor.name not in found][:1]:
+            # On the line it keeps those behind it from answering, so it is asked last from now on.
+            pending = [*(motor for motor in pending if motor is not silent[0]), *silent]
         fresh = [(motor, found[motor.name]) for motor in pending if motor.name in sure]
         told |= {motor.name: _acceptable(counts | _standing(rig, motor, counts)) for motor, counts in fresh}
         _tell(rig, [motor for motor in pending if motor.name in told], told)

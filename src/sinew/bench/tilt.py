@@ -7,6 +7,7 @@ twists. At rest the torsion is about zero and the axes are those of the base pla
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,29 @@ def _axis(tilt: tuple[float, float]) -> Vector:
     return math.cos(angle), share * tilt[1], -share * tilt[0]
 
 
+# How the board with the sensor is mounted: signed axes of its chip along x, y and z of the head.
+
+
+def opposite(axis: str) -> str:
+    """Return the signed axis that points the other way."""
+    return ("-" if axis[0] == "+" else "+") + axis[1]
+
+
+def frame_from(up: str) -> tuple[str, str, str]:
+    """Return a right-handed frame of signed axes that begins with this one."""
+    letters = "xyz"
+    place = letters.index(up[1])
+    return up, "+" + letters[(place + 1) % 3], up[0] + letters[(place + 2) % 3]
+
+
+def turned_frame(axes: Sequence[str], turns: int) -> tuple[str, str, str]:
+    """Return axes of a frame turned about its x by quarters."""
+    x, y, z = axes
+    for _ in range(turns % 4):
+        y, z = z, opposite(y)
+    return x, y, z
+
+
 class TiltEstimator:
     """Tells the tilt while the joint swings, sample by sample.
 
@@ -81,11 +105,6 @@ class TiltEstimator:
         """Bias of the gyroscope as learnt so far [rad/s]."""
         found, _ = self._filter.getBiasEstimate()
         return float(found[0]), float(found[1]), float(found[2])
-
-    @property
-    def is_at_rest(self) -> bool:
-        """Whether the filter holds the head to be at rest, for 1.5 s or longer."""
-        return bool(self._filter.getRestDetected())
 
     def update(self, gyro: Vector, acceleration: Vector, time: float) -> float:
         """Return the tilt [rad] after another sample of the IMU; NaN as long as there was none.

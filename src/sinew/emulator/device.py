@@ -1,4 +1,4 @@
-"""What every device on the line is: its registers, what it does with an instruction, and the sensors' plain board.
+"""What every device on the line is: its registers, and what it does with an instruction; and the sensors' boards.
 
 What the manual leaves open is assumed, and said here: a gap between registers reads as 0, but a read that touches no
 register at all, or runs past the table, is an access error; a write that touches a gap is an access error; a write to
@@ -6,22 +6,36 @@ several registers of which one is refused stores nothing.
 """
 
 import math
-from abc import ABC, abstractmethod
+import struct
+from collections import deque
 from collections.abc import Sequence
+from typing import cast
 
+import numpy as np
+
+from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction, Status
-from sinew.hardware.registers import BAUD_RATES, Register, RegisterTable
+from sinew.hardware.registers import (
+    BAUD_RATES,
+    EMULATED_FIRMWARE,
+    FILTER_DELAYS_US,
+    OPENCR_NODE,
+    Register,
+    RegisterTable,
+    sensor_table,
+)
+from sinew.plan.rig import NODE_HZ, BusSensor, Imu
 from sinew.plan.servo import RETURN_DELAY_LSB
 
-# Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error).
-CRC, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 3, 4, 5, 6, 7
+RESULT_FAIL, INSTRUCTION, CRC, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = range(1, 8)
+"""Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error)."""
+
+START_TIME = 0.3
+"""How long a device is deaf after power-on or reboot [s]; assumed."""
 
 Part = tuple[Register, int]
 """A register and the count that is to be stored in it."""
-
-_MOST_PLANS = 1000  # what a master writes is always the same few; what noise writes must not fill the memory
-_Plan = tuple[int, tuple[tuple[Register, int], ...]]  # error number, or registers and where their bytes are
 
 
 class ControlTable:
@@ -35,7 +49,6 @@ class ControlTable:
         self.rows = rows
         self.memory = bytearray(rows.size)
         self._by_name = {row.name: row for row in rows}
-        self._places = {row.name: (row.address, row.stop, row.signed) for row in rows}
         self._owner: list[Register | None] = [None] * rows.size
         for row in rows:
             self._owner[row.address : row.stop] = [row] * row.size
@@ -44,30 +57,25 @@ class ControlTable:
             for row in rows
             if row.name.startswith("indirect_data")
         }
-        self._indirect_start = min(self._pointers, default=rows.size)
-        self._plans: dict[tuple[int, int], _Plan] = {}
         self.reset()
 
-    def reset(self, keep: Sequence[str] = ()) -> None:
-        """Put all registers to what they are when they come from the factory, but those in `keep`."""
+    def reset(self, keep: Sequence[str] = (), start: int = 0) -> None:
+        """Put the registers from an address on to what they are when they come from the factory, but those in keep."""
         kept = {name: self[name] for name in keep}
-        self._initialise(0)
+        self.memory[start:] = bytes(len(self.memory) - start)
+        for row in self.rows:
+            if row.address >= start and row.initial is not None:
+                self[row.name] = row.initial
         for name, count in kept.items():
             self[name] = count
 
     def restart(self) -> None:
         """Put the registers that do not outlive a loss of power to what they are at the start."""
-        self._initialise(self.rows.eeprom_stop)
-
-    def _initialise(self, start: int) -> None:
-        self.memory[start:] = bytes(len(self.memory) - start)
-        for row in self.rows:
-            if row.address >= start and row.initial is not None:
-                self[row.name] = row.initial
+        self.reset(start=self.rows.eeprom_stop)
 
     def __getitem__(self, name: str) -> int:
-        start, stop, signed = self._places[name]
-        return int.from_bytes(self.memory[start:stop], "little", signed=signed)
+        row = self._by_name[name]
+        return int.from_bytes(self.memory[row.address : row.stop], "little", signed=row.signed)
 
     def __setitem__(self, name: str, count: int) -> None:
         self.store(self._by_name[name], count)
@@ -75,165 +83,155 @@ class ControlTable:
     def __contains__(self, name: object) -> bool:
         return name in self._by_name
 
+    def get(self, name: str, otherwise: int) -> int:
+        """Return a register's counts; `otherwise` where there is none of that name."""
+        return self[name] if name in self._by_name else otherwise
+
     def store(self, row: Register, count: int) -> None:
         """Put counts into a register without asking whether a master might."""
         self.memory[row.address : row.stop] = count.to_bytes(row.size, "little", signed=row.signed)
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
         """Return (0, the bytes), or (error number, nothing)."""
-        if not self._is_readable(address, length):
+        stop = address + length
+        if not (length > 0 and stop <= len(self.memory) and any(self._owner[address:stop])):
             return ACCESS, b""
-        data = self.memory[address : address + length]
-        if self._is_indirect(address, length):
-            for at in range(max(address, self._indirect_start), address + length):
-                data[at - address] = self.memory[self._target(at)]
-        return 0, bytes(data)
+        return 0, bytes(self.memory[self._target(at)] for at in range(address, stop))
 
     def parts(self, address: int, data: bytes, *, locked: bool) -> tuple[int, list[Part]]:
         """Return (0, what a write would store), or (error number, nothing).
 
         locked: whether the registers that outlive a loss of power must not change, as while the torque is on.
         """
-        if self._is_indirect(address, len(data)):
-            number, places = self._plan([self._target(at) for at in range(address, address + len(data))])
-        else:
-            key = (address, len(data))
-            if key not in self._plans:
-                if len(self._plans) > _MOST_PLANS:
-                    self._plans.clear()
-                self._plans[key] = self._plan(range(address, address + len(data)))
-            number, places = self._plans[key]
-        if number:
-            return number, []
+        addresses = [self._target(at) for at in range(address, address + len(data))]
         found: list[Part] = []
-        for row, at in places:
-            if locked and row.address < self.rows.eeprom_stop:
-                return ACCESS, []
-            count = int.from_bytes(data[at : at + row.size], "little", signed=row.signed)
-            if not row.is_float and not row.lowest <= count <= row.highest:
-                return DATA_RANGE, []
-            found.append((row, count))
-        return 0, found
-
-    def _plan(self, addresses: Sequence[int]) -> _Plan:
-        """Return which registers bytes at these addresses make up, and the index of each one's first byte."""
-        places: list[tuple[Register, int]] = []
-        at = 0
+        number, at = 0 if addresses else DATA_LENGTH, 0
         while at < len(addresses):
             row = self._owner[addresses[at]] if addresses[at] < len(self._owner) else None
             if row is None or not row.writable:
-                return ACCESS, ()
-            if list(addresses[at : at + row.size]) != list(range(row.address, row.stop)):
-                return DATA_LENGTH, ()
-            places.append((row, at))
+                return ACCESS, []
+            if addresses[at : at + row.size] != list(range(row.address, row.stop)):
+                return DATA_LENGTH, []
+            count = int.from_bytes(data[at : at + row.size], "little", signed=row.signed)
+            if locked and row.address < self.rows.eeprom_stop:
+                number = number or ACCESS
+            elif not row.lowest <= count <= row.highest:
+                number = number or DATA_RANGE
+            found.append((row, count))
             at += row.size
-        return (0, tuple(places)) if places else (DATA_LENGTH, ())
-
-    def _is_readable(self, address: int, length: int) -> bool:
-        stop = address + length
-        return length > 0 and stop <= len(self.memory) and any(self._owner[address:stop])
-
-    def _is_indirect(self, address: int, length: int) -> bool:
-        """Return whether one of the bytes stands for another."""
-        return address + length > self._indirect_start and any(
-            at in self._pointers for at in range(address, address + length)
-        )
+        return number, [] if number else found
 
     def _target(self, address: int) -> int:
+        """Return the address of the byte that one stands for, its own where it stands for none."""
         pointer = self._pointers.get(address)
-        if pointer is None:
-            return address
-        return int.from_bytes(self.memory[pointer.address : pointer.stop], "little")
+        return address if pointer is None else self[pointer.name]
 
 
-# Error numbers of the protocol that are not about a register.
-RESULT_FAIL, INSTRUCTION = 1, 2
-
-
-class Device(ABC):
+class Device:
     """One device: its registers, and how it obeys.
 
     A line asks `hears`, calls `heed` for every instruction packet that passes, then `obey`, `write` or `answer` where
     the device is meant. Nothing that a master can send makes one of them raise.
+
+    device_id, baud: what it listens to and how fast [1/s] to begin with, and for good where no register says so.
+    is_powered: whether it has a supply. fast_reads_from: version of its firmware from which on it takes part in fast
+    sync and bulk reads. is_node: whether Sinew's firmware runs it (`firmware/node/slave.h`): it does not answer an
+    instruction with a wrong CRC, and it does answer a sync or bulk read behind a silent device, after that one's time.
     """
 
-    def __init__(self, registers: ControlTable, firmware: int) -> None:
+    fast_reads_from = math.inf
+    is_node = False
+
+    def __init__(self, registers: ControlTable, firmware: int, device_id: int = 0, baud: int = 0) -> None:
         self.registers = registers
         self.firmware = firmware
+        self.is_powered = True
+        self._id, self._baud = device_id, baud
+        if device_id and "id" in registers:
+            registers["id"], registers["baud_rate"] = device_id, BAUD_RATES.index(baud)
         self._pending: tuple[int, bytes] | None = None
+        self._deaf_until = -math.inf
 
     @property
-    @abstractmethod
     def id(self) -> int:
         """What it listens to."""
+        return self.registers.get("id", self._id)
 
     @property
-    @abstractmethod
     def baud(self) -> int:
         """How fast it listens and speaks [1/s]."""
+        return BAUD_RATES[self.registers["baud_rate"]] if "baud_rate" in self.registers else self._baud
 
     @property
     def return_delay(self) -> float:
         """How long it waits before it speaks [s]."""
-        return 0.0
+        return self.registers.get("return_delay_time", 0) * RETURN_DELAY_LSB
 
     @property
     def status_return_level(self) -> int:
         """0: answers to pings; 1: and to reads; 2: to everything."""
-        return 2
+        return self.registers.get("status_return_level", 2)
 
     @property
     def alert(self) -> bool:
         """Whether it reports a hardware error in every status."""
-        return False
+        return self.registers.get("hardware_error_status", 0) != 0
 
     @property
     def knows_fast_reads(self) -> bool:
         """Whether it takes part in fast sync and bulk reads."""
-        return False
-
-    @property
-    def goes_on_alone(self) -> bool:
-        """Whether it answers a sync or bulk read also where the device before it was silent, after that one's time."""
-        return False
+        return self.firmware >= self.fast_reads_from
 
     @property
     def is_locked(self) -> bool:
         """Whether registers that are kept without power may not be written."""
         return False
 
-    @property
-    def answers_damaged(self) -> bool:
-        """Whether it answers an instruction with a wrong CRC, with the protocol's error."""
-        return True
-
     def answers_to(self, code: int) -> bool:
         """Return whether it answers an instruction to it alone, by its status return level."""
         return code == ask.PING or self.status_return_level >= (1 if code == ask.READ else 2)
 
-    @abstractmethod
     def hears(self, now: float) -> bool:
         """Return whether it listens to packets of this protocol at a time [s]; without power it does not."""
+        return self.is_powered and now >= self._deaf_until
 
-    @abstractmethod
     def heed(self, now: float) -> None:
         """Take note that an instruction packet, for whomever, has passed."""
 
-    @abstractmethod
     def refresh(self, address: int, length: int, now: float) -> None:
         """Bring the registers that a read touches up to date."""
 
-    @abstractmethod
+    def react(self, name: str, count: int, now: float) -> None:
+        """Act on a register that has been written."""
+
+    def restart(self, now: float) -> None:
+        """Start anew: registers as at power-on, deaf for `START_TIME`."""
+        self._deaf_until = now + START_TIME
+        self._pending = None
+        self.registers.restart()
+
     def write(self, address: int, data: bytes, now: float) -> int:
         """Store bytes if that is allowed, and act on them; return 0 or the error number."""
+        number, parts = self.admit(address, data)
+        for row, count in parts:
+            self.registers.store(row, count)
+        for row, count in parts:
+            self.react(row.name, count, now)
+        return number
 
-    @abstractmethod
     def carry_out(self, instruction: Instruction, now: float) -> int:
         """Do what an instruction other than ping, read and write asks; return 0 or the error number."""
-
-    @abstractmethod
-    def restart(self, now: float) -> None:
-        """Start anew: registers as at power-on, deaf for a while."""
+        match instruction.code if "registered_instruction" in self.registers else None:
+            case ask.REG_WRITE:
+                return self._register(instruction)
+            case ask.ACTION:
+                return self._act(now)
+            case ask.REBOOT:
+                self.restart(now)
+                return 0
+            case ask.FACTORY_RESET:
+                return self._reset(instruction, now)
+        return INSTRUCTION
 
     def obey(self, instruction: Instruction, now: float) -> Status | None:
         """Carry out an instruction to this device, or to all; return its answer, None where it is silent.
@@ -266,8 +264,12 @@ class Device(ABC):
         """Return (0, what a write would store), or (error number, nothing)."""
         return self.registers.parts(address, data, locked=self.is_locked)
 
-    def register(self, instruction: Instruction) -> int:
-        """Keep a reg write until `act`; return 0 or the error number."""
+    def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
+        """Return a status with an error number, and the alert where there is one."""
+        return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
+
+    def _register(self, instruction: Instruction) -> int:
+        """Keep a reg write until `_act`; return 0 or the error number."""
         parts = ask.writes_of(instruction)
         if not parts:
             return DATA_LENGTH
@@ -277,55 +279,14 @@ class Device(ABC):
             self.registers["registered_instruction"] = 1
         return number
 
-    def act(self, now: float) -> int:
-        """Carry out what `register` kept; return 0 or the error number."""
+    def _act(self, now: float) -> int:
+        """Carry out what `_register` kept; return 0 or the error number."""
         if self._pending is None:
             return INSTRUCTION
         address, data = self._pending
         self._pending = None
         self.registers["registered_instruction"] = 0
         return self.write(address, data, now)
-
-    def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
-        """Return a status with an error number, and the alert where there is one."""
-        return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
-
-
-class RegisterSet(Device):
-    """A device whose registers say who it is and how it answers, at a motor's addresses; it can be reset."""
-
-    @property
-    def id(self) -> int:
-        return self.registers.memory[7]
-
-    @property
-    def baud(self) -> int:
-        return BAUD_RATES[self.registers.memory[8]]
-
-    @property
-    def return_delay(self) -> float:
-        return self.registers.memory[9] * RETURN_DELAY_LSB
-
-    @property
-    def status_return_level(self) -> int:
-        return self.registers.memory[68]
-
-    @property
-    def alert(self) -> bool:
-        return self.registers.memory[70] != 0
-
-    def carry_out(self, instruction: Instruction, now: float) -> int:
-        match instruction.code:
-            case ask.REG_WRITE:
-                return self.register(instruction)
-            case ask.ACTION:
-                return self.act(now)
-            case ask.REBOOT:
-                self.restart(now)
-                return 0
-            case ask.FACTORY_RESET:
-                return self._reset(instruction, now)
-        return INSTRUCTION
 
     def _reset(self, instruction: Instruction, now: float) -> int:
         """Put the registers back, but not the id of all devices on a line at once."""
@@ -340,42 +301,10 @@ class RegisterSet(Device):
         return 0
 
 
-_START_TIME = 0.3
-
-
 class Board(Device):
-    """A sensor's board: it answers at once and to everything, and knows nothing but ping, read and write.
+    """A sensor's board: Sinew's firmware runs it, and it answers at once."""
 
-    is_powered: whether it has a supply.
-    """
-
-    def __init__(self, registers: ControlTable, firmware: int, device_id: int, baud: int) -> None:
-        super().__init__(registers, firmware)
-        self._id, self._baud = device_id, baud
-        self.is_powered = True
-        self._deaf_until = -math.inf
-
-    @property
-    def id(self) -> int:
-        return self._id
-
-    @property
-    def baud(self) -> int:
-        return self._baud
-
-    @property
-    def goes_on_alone(self) -> bool:
-        return True  # as Sinew's firmware does, firmware/node/slave.h
-
-    @property
-    def answers_damaged(self) -> bool:
-        return False  # Sinew's firmware is silent then
-
-    def hears(self, now: float) -> bool:
-        return self.is_powered and now >= self._deaf_until
-
-    def heed(self, now: float) -> None:
-        pass
+    is_node = True
 
     def set_power(self, on: bool, now: float) -> None:
         """Take the power away, or give it back: the board then starts anew, deaf for a while."""
@@ -383,16 +312,166 @@ class Board(Device):
             self.restart(now)
         self.is_powered = on
 
+
+SAMPLE_PERIOD = 1 / NODE_HZ
+"""Time between two samples, by the node's own clock [s]."""
+
+_READINGS = struct.Struct("<9h")
+
+Vector = tuple[float, float, float]
+
+
+class ImuNode(Board):
+    """The head's sensor, an OpenCR board with Sinew's firmware.
+
+    The gyroscope is read at the node's own rate, by its own crystal; a reading is the mean over the newest samples
+    behind the chip's low-pass, with bias and noise, clipped, in whole LSB, and zero within the dead band. Noise is
+    white at the node's rate, and drawn before the mean, as it is in the twin, there coloured by the chip's low-pass. A
+    reading appears `residual_delay` after the moment it belongs to, with the time of its appearance. Roll and pitch are
+    those of the accelerometer alone; yaw stays 0. What the board answers on the line is what `firmware/` answers
+    (tests/firmware holds both to one contract); its readings are averaged as those of the stock firmware. It tells the
+    delay of the rig's filter, and is that of the known chips whose own is nearest.
+
+    spec: range, noise and bias of the chip. axes: the chip's axes that point along x, y and z of the head.
+    ppm: how much faster than the host's its crystal is [1e-6]; None: drawn, standard deviation 20.
+    due: when the next sample is to be taken [s].
+    frozen: as a fault, the readings and their time stand still, while the clock goes on. loses: as a fault, the share
+    of the samples that the board does not read, evenly; it counts them.
+    """
+
+    fast_reads_from = 0
+
+    def __init__(
+        self,
+        spec: Imu,
+        mechanics: Mechanics,
+        rng: np.random.Generator,
+        *,
+        device_id: int = 200,
+        baud: int = 1_000_000,
+        axes: tuple[str, str, str] = ("+x", "+y", "+z"),
+        ppm: float | None = None,
+        firmware: int = EMULATED_FIRMWARE,
+    ) -> None:
+        super().__init__(ControlTable(OPENCR_NODE), firmware, device_id, baud)
+        self._spec, self._mechanics, self._rng = spec, mechanics, rng
+        self.frozen = False
+        self.loses = self._owed = 0.0
+        self._rate = 1 + 1e-6 * (float(rng.normal(0, 20)) if ppm is None else ppm)
+        self._phase = float(rng.uniform(0, 0.5))
+        self._count = int(self._phase / SAMPLE_PERIOD) + 1
+        self.due = self._time_of_sample()
+        self._bias = spec.gyro_bias.value * rng.standard_normal(3)
+        self._newest: deque[Vector] = deque(maxlen=spec.average_samples)
+        self._waiting: tuple[float, bytes] | None = None
+        # Index of the head's axis that each axis of the chip lies along, and its sign.
+        places = {axis[1]: (head, 1 if axis[0] == "+" else -1) for head, axis in enumerate(axes)}
+        self._chip = tuple(places[letter] for letter in "xyz")
+        self._readings_start = OPENCR_NODE["gyro_x"].address
+        self._begin()
+
     def restart(self, now: float) -> None:
-        self._deaf_until = now + _START_TIME
-        self._pending = None
-        self.registers.restart()
+        super().restart(now)
+        self._begin()
 
-    def write(self, address: int, data: bytes, now: float) -> int:
-        number, parts = self.admit(address, data)
-        for row, count in parts:
-            self.registers.store(row, count)
-        return number
+    def _begin(self) -> None:
+        """Tell what the board is and how it samples, and have taken nothing yet."""
+        registers = self.registers
+        registers["firmware_version"] = self.firmware
+        delay = round(1e6 * self._spec.filter_delay)
+        registers["filter_delay"] = min(delay, 0xFFFF)
+        registers["who_am_i"] = min(FILTER_DELAYS_US, key=lambda chip: abs(FILTER_DELAYS_US[chip] - delay))
+        registers["sample_period"] = round(SAMPLE_PERIOD * 1e6)
 
-    def carry_out(self, instruction: Instruction, now: float) -> int:
-        return INSTRUCTION
+    def clock(self, now: float) -> float:
+        """Return the time by the node's own clock [s]."""
+        return now * self._rate + self._phase
+
+    def set_power(self, on: bool, now: float) -> None:
+        if on and not self.is_powered:
+            self._newest.clear()
+            self._waiting = None
+        super().set_power(on, now)
+
+    def advance(self, now: float) -> None:
+        """Take a sample, if one is due."""
+        if now < self.due:
+            return
+        self._publish(now)
+        self._count += 1
+        self.due = self._time_of_sample()
+        if self.frozen or not self.is_powered:
+            return
+        self._owed += self.loses
+        if self._owed >= 1.0:
+            self._owed -= 1.0
+            self.registers["lost_samples"] = (self.registers["lost_samples"] + 1) & 0xFFFF_FFFF
+            return
+        motion, spec = self._mechanics.motion(), self._spec
+        drawn = self._rng.standard_normal(6)
+        noise = (self._bias + spec.gyro_noise.value * drawn[:3]).tolist()
+        limit = spec.gyro_range.value
+        rates = (max(-limit, min(limit, rate + extra)) for rate, extra in zip(motion.gyro, noise, strict=True))
+        self._newest.append(cast(Vector, tuple(rates)))
+        size = len(self._newest)
+        gyro = [self._gyro_counts(sum(sample[axis] for sample in self._newest) / size) for axis in range(3)]
+        noise = (drawn[3:] * spec.accelerometer_noise.value).tolist()
+        force = [value + extra for value, extra in zip(motion.acceleration, noise, strict=True)]
+        x, y, z = (self._chip_axis(force, axis) for axis in range(3))
+        readings = _READINGS.pack(
+            *(round(self._chip_axis(gyro, axis)) for axis in range(3)),
+            *(self._acceleration_counts(value) for value in (x, y, z)),
+            round(math.degrees(math.atan2(y, z)) * 10),
+            round(math.degrees(math.atan2(-x, math.hypot(y, z))) * 10),
+            0,
+        )
+        self._waiting = now + spec.residual_delay.value, readings
+
+    def refresh(self, address: int, length: int, now: float) -> None:
+        self._publish(now)
+        self.registers["clock"] = self._microseconds(now)
+
+    def _time_of_sample(self) -> float:
+        return (self._count * SAMPLE_PERIOD - self._phase) / self._rate
+
+    def _publish(self, now: float) -> None:
+        """Show the sample taken, if it is time."""
+        if self.frozen:
+            self._waiting = None
+        if self._waiting is not None and now >= self._waiting[0]:
+            when, readings = self._waiting
+            start = self._readings_start
+            self.registers.memory[start : start + len(readings)] = readings
+            self.registers["sample_time"] = self._microseconds(when)
+            self.registers["samples"] = (self.registers["samples"] + 1) & 0xFFFF_FFFF
+            self._waiting = None
+
+    def _microseconds(self, now: float) -> int:
+        return int(self.clock(now) * 1e6) & 0xFFFF_FFFF
+
+    def _gyro_counts(self, rate: float) -> float:
+        counts = round(rate / self._spec.gyro_lsb.value)
+        return 0.0 if abs(counts) <= self._spec.dead_band else max(-32_768.0, min(32_767.0, float(counts)))
+
+    def _acceleration_counts(self, force: float) -> int:
+        spec = self._spec
+        limit = min(spec.accelerometer_range.value / spec.accelerometer_lsb.value, 32_767)
+        return round(max(-limit, min(limit, force / spec.accelerometer_lsb.value)))
+
+    def _chip_axis(self, head: list[float], axis: int) -> float:
+        """Return what an axis of the chip sees of a vector in the head's frame."""
+        along, sign = self._chip[axis]
+        return sign * head[along]
+
+
+class SensorBoard(Board):
+    """A sensor with a node of its own, which takes its value as it is asked for it."""
+
+    def __init__(self, spec: BusSensor, mechanics: Mechanics, rng: np.random.Generator, baud: int) -> None:
+        super().__init__(ControlTable(sensor_table(spec)), EMULATED_FIRMWARE, spec.id, baud)
+        self._spec, self._mechanics, self._rng = spec, mechanics, rng
+
+    def refresh(self, address: int, length: int, now: float) -> None:
+        spec = self._spec
+        told = spec.told(np.asarray(self._mechanics.motion().tension), self._rng)
+        self.registers[spec.channel] = round(float(told) / spec.lsb)

@@ -1,29 +1,29 @@
 """The joint behind its motors, in motion: the mechanics' equations, with a motor for each tendon and with tilt.
 
-Torsion, shortening, silicone, guide friction, lever and drive are those of `sinew.mechanics`. What is added:
+Torsion, shortening, silicone, guide friction, lever, drive, rod and head are those of `sinew.mechanics`. Added are the
+motors of the tendons, and for a joint whose head has no inertia across its axis the tilt of that head.
 
 A tendon's cable of stiffness k_c ends on the horn of its motor, which has taken up h of it: T = k_c (ℓ - ℓ_0 + h) where
 taut. The motor wants a tension: by position, that of a spring of compliance 1/k_c + 1/k_servo whose end is at the wound
 length w, up to a limit; else a set one. It gets it as long as the horn need not turn faster than the motor can under
-that load; at that speed T follows from h. As in the twin, what the twist of the joint asks of the horn costs no speed.
-
-The head tilts by t about y and z of frame B, without inertia: c dt/dt = -∂V/∂t, V holding the tendons' lengths at the
-tilted pose and the bending energy ½ (E I/L) |t - t_0|², I about the weaker axis. Neither the head's inertia across its
-axis nor the damping of that swing is known, and levelling asks only where the plate comes to rest and how soon: with
-`TILT_DAMPING`, in 5 ms on locked tendons and in 65 ms on light constant tensions. Constant tensions bend an arc
-further, by n T L²/(12 E I) of its tilt, and would topple it where that reaches one.
+that load; at that speed T follows from h. As in the twin, what the motion of the joint itself asks of the horn costs no
+speed.
 """
 
 import math
-from collections.abc import Sequence
-from functools import cache, partial
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
 from sinew.measure.arrays import Array
+from sinew.measure.errors import SpecError
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.drive import electrical_torque, gear_friction
 from sinew.mechanics.guides import GuideFriction
 from sinew.mechanics.joint import State, axial_omega, derivative, free_lever_acceleration, head_torque
@@ -38,14 +38,16 @@ from sinew.mechanics.space import (
     free_acceleration,
     motion_of,
     pull_of,
+    space_at_rest,
     state_rate,
     tendon_spans,
     twist_and_tilt,
 )
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
-from sinew.solve.march import STAGE_TIMES, next_stage, runge_kutta
-from sinew.solve.spatial import first_contact, in_mode, linear_equations, settle, slow_down
+from sinew.solve.march import STAGE_TIMES, next_stage
+from sinew.solve.rest import set_pretension
+from sinew.solve.spatial import first_contact, in_mode, linear_equations, settle, slow_down, stays_upright
 from sinew.twin.parameters import from_rig, space_from_rig
 
 TICK_S = 1.25e-3
@@ -54,43 +56,26 @@ TICK_S = 1.25e-3
 TILT_DAMPING = 0.3
 """Damping of the tilt [N m s/rad]; assumed."""
 
-Numbers = tuple[Any, ...]  # one for each tendon
-
-
-class Joint(NamedTuple):
-    """Constants: the twin's parameters, stiffness of one cable [N/m], rest tilt [rad] and damping [N m s/rad]."""
-
-    p: Parameters
-    cable_stiffness: Any
-    rest_tilt: tuple[Any, Any]
-    damping: Any
-
-
-class Tilting(NamedTuple):
-    """What is integrated: the twin's state and the tilt about y and z of frame B [rad]."""
-
-    motion: State
-    tilt: tuple[Any, Any]
-
 
 class Now(NamedTuple):
     """All that changes with time.
 
-    horn: cable taken up by each motor, h [m], its speed [m/s]; wound: where its position loop's spring ends, w [m].
-    span: ℓ [m]; tension: T [N]. goal: the drive's goal on its way [rad].
+    motion: what is integrated, a `Tilting`, or the state of `mechanics.space`. By tendon, (tendon,): cable taken up by
+    each motor, `horn` h [m], its speed [m/s]; wound: where its position loop's spring ends, w [m]; span: ℓ [m];
+    tension: T [N]. goal: the drive's goal on its way [rad].
     """
 
-    tilting: Tilting
-    horn: Numbers
-    horn_speed: Numbers
-    wound: Numbers
-    span: Numbers
-    tension: Numbers
+    motion: Any
+    horn: Any
+    horn_speed: Any
+    wound: Any
+    span: Any
+    tension: Any
     goal: Any
 
 
 class TendonOrder(NamedTuple):
-    """What the host asks of the tendon motors, by tendon; or of one of them.
+    """What the host asks of the tendon motors, (tendon,) each.
 
     cable_end: ℓ_0, where the cable goes slack with nothing taken up [m]. goal: of w [m], approached at `speed` [m/s].
     compliance: of the servo [m/N]. limit: of the tension wanted [N]. duty: the largest. stall: tension at full duty
@@ -136,22 +121,14 @@ class DriveOrder(NamedTuple):
     push: Any
 
 
-class Seen(NamedTuple):
-    """What follows from the present: torsion acceleration [rad/s²], tilt rates [rad/s], the drive's torque [N m]."""
-
-    torsion_acceleration: Any
-    tilt_rate: tuple[Any, Any]
-    torque: Any
-
-
 class Layout(NamedTuple):
     """Where everything is in the vectors of numbers that go to the compiled code, as indices.
 
-    now, tendons: one vector each. drive, step_s [s] and steps (how many to take): a third.
-    What comes back is a new `now`, then `seen`.
+    now, tendons: one vector each. drive, step_s [s] and steps (how many to take): a third. What comes back is a new
+    `now`, then `seen`.
     """
 
-    now: Any
+    now: Now
     tendons: TendonOrder
     drive: DriveOrder
     step_s: int
@@ -160,65 +137,79 @@ class Layout(NamedTuple):
 
     def sizes(self) -> tuple[int, int, int]:
         """Return the lengths of the vectors now, tendons and drive."""
-        return self._size(self.now), self._size(self.tendons), len(self.drive) + 2
-
-    @staticmethod
-    def _size(indices: Any) -> int:
-        return sum(np.size(leaf) for leaf in jax.tree.leaves(indices))
-
-
-class Kind(NamedTuple):
-    """What the compiled code is made for: number of tendons, and the law of their guides' friction."""
-
-    tendons: int
-    guides: type[GuideFriction]
-
-    @classmethod
-    def of(cls, spec: RigSpec) -> "Kind":
-        """Return the kind of a rig."""
-        return cls(spec.tendons.count, type(spec.tendons.guides))
-
-
-@cache
-def layout(kind: Kind) -> Layout:
-    """Return the layout for a kind of joint."""
-    each = (0,) * kind.tendons
-    bristles, memory = (0,) * len(kind.guides.spread), (0,) * BRANCHES
-    state = State(*(0,) * 6, memory, memory, 0, 0, bristles)  # type: ignore[arg-type]
-    now, seen = _numbered((Now(Tilting(state, (0, 0)), *(each,) * 5, goal=0), Seen(0, (0, 0), 0)))
-    tendons = _numbered(TendonOrder(*(each,) * 12))
-    drive, step_s, steps = _numbered((DriveOrder(*(0,) * 13), 0, 0))
-    return Layout(now, tendons, drive, step_s, steps, seen)
+        now, tendons = (sum(map(np.size, jax.tree.leaves(indices))) for indices in (self.now, self.tendons))
+        return now, tendons, len(self.drive) + 2
 
 
 def _numbered(like: Any) -> Any:
-    leaves, tree = jax.tree.flatten(like)
-    return jax.tree.unflatten(tree, range(len(leaves)))
+    """Return the same with indices in place of its numbers, counted from 0."""
+    flat, parts = ravel_pytree(jax.tree.map(jnp.asarray, like))
+    where = jax.tree.map(lambda leaf: np.asarray(leaf).astype(int), parts(jnp.arange(flat.size, dtype=flat.dtype)))
+    return jax.tree.map(lambda leaf: leaf if leaf.ndim else int(leaf), where)
 
 
-def joint_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> Joint:
-    """Return the constants of a rig whose continuum is bent by `rest_tilt` [rad] when nothing pulls."""
-    joint = Joint(from_rig(spec), spec.tendons.cable_stiffness.value, rest_tilt, TILT_DAMPING)
-    return jax.tree.map(lambda value: np.asarray(value, dtype=float), joint)  # type: ignore[no-any-return]
+Forces = Callable[..., tuple[Any, Now, Any]]
+"""(time since the step began, what is integrated, `Now` as the last step left it, orders of tendons and drive,
+constants, length of a step, time since that `Now` or 0) to (derivative, `Now` at the step's begin, what is seen)."""
 
 
-def steps_per_tick(joint: Joint, speed: float) -> int:
-    """Return how many steps of RK4 a tick needs, so that the fastest motion turns by at most 2 rad in a step.
+Example = Callable[[type[GuideFriction]], tuple[Any, Any]]
+"""A law of guide friction to (what is integrated, what is seen), of zeros."""
 
-    speed: the largest of the torsion [rad/s].
+
+@cache
+def marcher(forces: Forces, example: Example, tendons: int, guides: type[GuideFriction]) -> tuple[Layout, Any]:
+    """Return (layout, function) of a kind of joint; the function takes the vectors now, tendons and drive, and the
+    constants, and returns the numbers of `now` and `seen` after the steps that the vectors ask for, also none.
+
+    A turn of the loop is one slope of RK4, which is long to compile and stands here once. The last state is seen in one
+    more turn. The loop carries vectors, and takes its constants from one, so that it is a run of few kernels.
     """
-    p = joint.p
-    grip = len(p.guide_directions) * float(joint.cable_stiffness)
-    bending = float(p.bending_rigidity / p.length)
-    tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
-    return max(1, int(np.ceil(TICK_S * max(axial_omega(grip, p), tilt, float(p.guides.fastest(speed))) / 2)))
+    motion, seen = example(guides)
+    each = np.zeros(tendons)
+    at, seen_at = _numbered((Now(motion, *(each,) * 5, goal=0.0), seen))
+    drive_at, step_at, steps_at = _numbered((DriveOrder(*(0.0,) * 13), 0.0, 0.0))
+    where = Layout(at, _numbered(TendonOrder(*(each,) * 12)), drive_at, step_at, steps_at, seen_at)
+
+    @jax.jit
+    def march(now: Array, tendons: Array, drive: Array, constants: Any) -> jax.Array:
+        fixed, whole = ravel_pytree(constants)
+        step_s, turns = jnp.asarray(drive)[where.step_s], 4 * jnp.asarray(drive)[where.steps].astype(int) + 1
+        start: Now = _placed(now, where.now)
+        begun, state = ravel_pytree(start.motion)
+
+        def turn(n: jax.Array, carry: Any) -> Any:
+            begun, here, gone, before, seen = carry
+            # the barrier, for the compiler would carry each number of them on its own
+            numbers = jax.lax.optimization_barrier((tendons, drive, fixed))  # type: ignore[no-untyped-call]
+            order, asked = _placed(numbers[0], where.tendons), _placed(numbers[1], where.drive)
+            stage = n % 4
+            passed = jnp.where((stage == 0) & (n > 0), step_s, 0.0)
+            time_s = jnp.asarray(STAGE_TIMES)[stage] * step_s
+            at = _placed(before, where.now)
+            slope, *fresh = forces(time_s, state(here), at, order, asked, whole(numbers[2]), step_s, passed)
+            kept = [jnp.where(stage == 0, _flat(new), old) for new, old in zip(fresh, (before, seen), strict=True)]
+            return *next_stage(stage, begun, gone, _flat(slope), step_s), *kept
+
+        carry = (begun, begun, jnp.zeros_like(begun), jnp.asarray(now), jnp.zeros(_flat(seen).size))
+        *_, last, seen_last = jax.lax.fori_loop(0, turns, turn, carry)
+        return jnp.concatenate([last, seen_last])
+
+    return where, march
+
+
+def _placed(vector: Any, where: Any) -> Any:
+    """Return the numbers of a vector in their places."""
+    return jax.tree.map(jnp.asarray(vector).__getitem__, where)
+
+
+def _flat(tree: Any) -> jax.Array:
+    return ravel_pytree(tree)[0]
 
 
 class Reach(NamedTuple):
-    """How a motor may turn in a step: start [m] and speed [m/s] of w, speeds at which the horn may wind and pay out.
-
-    As everything of a motor, for one tendon or, as arrays, for all.
-    """
+    """How the motors may turn in a step, (tendon,) each: start [m] and speed [m/s] of w, speeds at which the horn may
+    wind and pay out."""
 
     start: Any
     speed: Any
@@ -258,51 +249,6 @@ def _wanted(span: Any, wound: Any, order: TendonOrder, k: Any) -> Any:
     return k / (1 + k * order.compliance) * jnp.maximum(0.0, span - order.cable_end + wound)
 
 
-def _reaches(now: Now, orders: Sequence[TendonOrder], joint: Joint, step_s: jax.Array) -> list[Reach]:
-    p, motion = joint.p, now.tilting.motion
-    twist = jnp.abs(p.base_radius * p.head_radius * jnp.sin(motion.torsion) * motion.torsion_rate)
-    each = zip(now.tension, now.horn, now.wound, orders, now.span, strict=True)
-    return [reach_of(tension, horn, w, order, twist / span, step_s) for tension, horn, w, order, span in each]
-
-
-def _by_tendon(order: TendonOrder) -> list[TendonOrder]:
-    return [TendonOrder(*numbers) for numbers in zip(*order, strict=True)]
-
-
-def _slope(
-    time_s: jax.Array,
-    at: Tilting,
-    now: Now,
-    orders: Sequence[TendonOrder],
-    drive: DriveOrder,
-    joint: Joint,
-    reaches: Sequence[Reach],
-) -> tuple[Tilting, jax.Array]:
-    """Return the derivative `time_s` after the start `now` of a step, and the drive's torque [N m]."""
-    p, k, motion = joint.p, joint.cable_stiffness, at.motion
-
-    def tensions(spans: Sequence[jax.Array]) -> list[jax.Array]:
-        each = zip(spans, now.horn, reaches, orders, strict=True)
-        return [held_tension(time_s, span, horn, reach, order, k) for span, horn, reach, order in each]
-
-    def energy(torsion: jax.Array, shortening: jax.Array, tilt: tuple[Any, Any]) -> tuple[jax.Array, jax.Array]:
-        spans = span_lengths(torsion, shortening, p, tilt)
-        pull = [jax.lax.stop_gradient(tension) for tension in tensions(spans)]
-        stored = silicone_energy(torsion, shortening, p)
-        stored += viscoelastic_energy(torsion, shortening, motion.memory, motion.axial_memory, p)
-        bent = sum((t - rest) ** 2 for t, rest in zip(tilt, joint.rest_tilt, strict=True))
-        stored += 0.5 * p.bending_rigidity / p.length * bent
-        return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
-
-    slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
-    torque = head_torque(slope[0], p.guides.torque(total, motion.bristles), motion, p) + drive.push
-    pulled = drive_torque(time_s, motion, now.goal, drive, p)
-    horn = pulled - gear_friction(motion.lever_rate, p)
-    lever = free_lever_acceleration(torque, horn, p)
-    tilt_rate = (-slope[2][0] / joint.damping, -slope[2][1] / joint.damping)
-    return Tilting(derivative(motion, torque, slope[1], lever, p), tilt_rate), pulled
-
-
 def drive_torque(time_s: Any, motion: State | SpaceState, start: jax.Array, drive: DriveOrder, p: Parameters) -> Any:
     """Return the electrical torque of the drive at its horn [N m]."""
     goal = goal_after(time_s, start, drive)
@@ -315,93 +261,190 @@ def drive_torque(time_s: Any, motion: State | SpaceState, start: jax.Array, driv
     return jnp.where(drive.on > 0, jnp.where(drive.by_torque > 0, jnp.clip(drive.torque, low, high), by_duty), 0.0)
 
 
-def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s: jax.Array) -> tuple[Now, Seen]:
-    """Return what there is a step later, and what is seen at its start."""
-    orders = _by_tendon(order)
-    reaches = _reaches(now, orders, joint, step_s)
-
-    @jax.jit
-    def slope(time_s: jax.Array, at: Tilting) -> tuple[Tilting, jax.Array]:
-        return _slope(time_s, at, now, orders, drive, joint, reaches)
-
-    zero = jnp.zeros(())
-    after = runge_kutta(lambda time_s, at: slope(time_s, at)[0], zero, now.tilting, step_s)
-    spans = span_lengths(after.motion.torsion, after.motion.shortening, joint.p, after.tilt)
-    each = zip(spans, now.horn, reaches, orders, strict=True)
-    turned = [turned_horn(span, h, reach, one, joint.cable_stiffness, step_s) for span, h, reach, one in each]
-    horns, wounds, tensions = zip(*turned, strict=True)
-    speeds = tuple((new - old) / step_s for new, old in zip(horns, now.horn, strict=True))
-    later = Now(after, horns, speeds, wounds, spans, tensions, goal_after(step_s, now.goal, drive))
-
-    rate, torque = slope(zero, now.tilting)  # the first of RK4's: costs nothing
-    return later, Seen(rate.motion.torsion_rate, rate.tilt, torque)
-
-
 def goal_after(time_s: Any, start: jax.Array, drive: DriveOrder) -> jax.Array:
     """Return the drive's goal on its way [rad], a time after it was at `start`."""
     reach = drive.speed * time_s + drive.jump
     return start + jnp.clip(drive.goal - start, -reach, reach)
 
 
-@partial(jax.jit, static_argnums=4)
-def move_on(now: Array, tendons: Array, drive: Array, constants: jax.Array, kind: Kind) -> jax.Array:
-    """Return the numbers of `now` and `seen` after the steps that the vectors ask for; see `Layout`.
+Vector = tuple[float, float, float]
+Head = tuple[float, float, tuple[float, float], Vector, Vector]
+"""How the head moves, what of `plant.Motion` is its own: torsion and its rate, tilt, gyro and acceleration."""
 
-    constants: the leaves of a `Joint`, stacked. Takes any number of steps, also none.
 
-    The last state is seen in one more turn of the loop, whose step is not taken: a second copy of the equations would
-    cost more.
-    The loop is to be one run of small kernels in one thread. Hence vectors below 512 bytes (up to five tendons), for
-    what is longer the compiler spreads over threads; and the barrier, for it would carry each order on its own.
+class Body(ABC):
+    """A joint behind motors, compiled: upright, or in space.
+
+    p: of the torsional joint. where: everything in the vectors. lever, lever_rate: where in `now`. steps: in a tick.
+    first_end: the twin's cable end at first contact [m].
     """
-    where = layout(kind)
-    steps = jnp.asarray(drive)[where.steps]
 
-    def step(turn: jax.Array, at: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        numbers, orders, last, fixed = map(list, _fenced(at[0], tendons, drive, constants))
-        order = jax.tree.map(orders.__getitem__, where.tendons)
-        asked, step_s = jax.tree.map(last.__getitem__, (where.drive, where.step_s))
-        joint = _joint(fixed, kind)
-        later, seen = _step(jax.tree.map(numbers.__getitem__, where.now), order, asked, joint, step_s)
-        kept = [jnp.where(turn < steps, new, old) for new, old in zip(jax.tree.leaves(later), numbers, strict=True)]
-        return jnp.stack(kept), jnp.stack(jax.tree.leaves(seen))
+    lever: int
+    lever_rate: int
+    steps: int
+    first_end: float
 
-    nothing = jnp.zeros(len(jax.tree.leaves(where.seen)))
-    return jnp.concatenate(jax.lax.fori_loop(0, steps.astype(int) + 1, step, (jnp.asarray(now), nothing)))
+    def __init__(self, spec: RigSpec, constants: Any, p: Parameters, forces: Forces, example: Example) -> None:
+        self.p, self._chip = p, spec.imu.mount_radius.value
+        self._constants = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), constants)
+        self.where, self._march = marcher(forces, example, spec.tendons.count, type(spec.tendons.guides))
+
+    def move_on(self, now: Array, tendons: Array, drive: Array) -> Array:
+        """Return the numbers of `now` and what is seen after the steps that the vectors ask for."""
+        return np.asarray(self._march(now, tendons, drive, self._constants))
+
+    @abstractmethod
+    def begin(self, now: Array) -> Array:
+        """Put the unpulled joint at rest into a vector of zeros; return the lengths of its tendons [m], (tendon,)."""
+
+    @abstractmethod
+    def head(self, seen: list[float], late: float) -> Head:
+        """Return how the head moves, `late` after the last tick [s]."""
 
 
-def _fenced(*vectors: Any) -> Any:
-    return jax.lax.optimization_barrier(vectors)  # type: ignore[no-untyped-call]
+# ---- a head that twists and sinks, and tilts without inertia
+#
+# The head tilts by t about y and z of frame B: c dt/dt = -∂V/∂t, V holding the tendons' lengths at the tilted pose and
+# the bending energy ½ (E I/L) |t - t_0|², I about the weaker axis. Neither the head's inertia across its axis nor the
+# damping of that swing is known, and levelling asks only where the plate comes to rest and how soon: with
+# `TILT_DAMPING`, in 5 ms on locked tendons and in 65 ms on light constant tensions. Constant tensions bend an arc
+# further, by n T L²/(12 E I) of its tilt, and would topple it where that reaches one.
 
 
-def _joint(leaves: list[jax.Array], kind: Kind) -> Joint:
-    fields: dict[str, Any] = dict.fromkeys(Parameters._fields, 0.0)
-    fields |= {"prony_shares": (0.0,) * BRANCHES, "guide_directions": ((0.0, 0.0),) * kind.tendons}
-    p = Parameters(**{**fields, "guides": kind.guides(0.0, 0.0)})
-    like = Joint(p, 0.0, (0.0, 0.0), 0.0)
-    return jax.tree.unflatten(jax.tree.structure(like), leaves)  # type: ignore[no-any-return]
+class Joint(NamedTuple):
+    """Constants: the twin's parameters, stiffness of one cable [N/m], rest tilt [rad] and damping [N m s/rad]."""
+
+    p: Parameters
+    cable_stiffness: Any
+    rest_tilt: tuple[Any, Any]
+    damping: Any
+
+
+class Tilting(NamedTuple):
+    """What is integrated: the twin's state and the tilt about y and z of frame B [rad]."""
+
+    motion: State
+    tilt: tuple[Any, Any]
+
+
+class Seen(NamedTuple):
+    """What follows from the present: torsion acceleration [rad/s²], tilt rates [rad/s], the drive's torque [N m]."""
+
+    torsion_acceleration: Any
+    tilt_rate: tuple[Any, Any]
+    torque: Any
+
+
+def steps_per_tick(joint: Joint, speed: float) -> int:
+    """Return how many steps of RK4 a tick needs, so that the fastest motion turns by at most 2 rad in a step.
+
+    speed: the largest of the torsion [rad/s].
+    """
+    p = joint.p
+    grip = len(p.guide_directions) * float(joint.cable_stiffness)
+    bending = float(p.bending_rigidity / p.length)
+    tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
+    return max(1, int(np.ceil(TICK_S * max(axial_omega(grip, p), tilt, float(p.guides.fastest(speed))) / 2)))
+
+
+def _upright_example(guides: type[GuideFriction]) -> tuple[Tilting, Seen]:
+    bristles, memory = (0.0,) * len(guides.spread), (0.0,) * BRANCHES
+    state = State(*(0.0,) * 6, memory, memory, 0.0, 0.0, bristles)  # type: ignore[arg-type]
+    return Tilting(state, (0.0, 0.0)), Seen(0.0, (0.0, 0.0), 0.0)
+
+
+def _upright_forces(
+    time_s: jax.Array,
+    at: Tilting,
+    now: Now,
+    order: TendonOrder,
+    drive: DriveOrder,
+    joint: Joint,
+    step_s: jax.Array,
+    passed_s: jax.Array,
+) -> tuple[Tilting, Now, Seen]:
+    """Return (derivative, motors, what is seen); see `Forces`. What the twist asks of a horn costs no speed."""
+    p, k, motion = joint.p, joint.cable_stiffness, at.motion
+
+    def reach(motors: Now) -> Reach:
+        state = motors.motion.motion
+        twist = jnp.abs(p.base_radius * p.head_radius * jnp.sin(state.torsion) * state.torsion_rate)
+        return reach_of(motors.tension, motors.horn, motors.wound, order, twist / motors.span, step_s)
+
+    spans = jnp.stack(span_lengths(motion.torsion, motion.shortening, p, at.tilt))
+    horn, wound, tension = turned_horn(spans, now.horn, reach(now), order, k, step_s)
+    turned = Now(at, horn, (horn - now.horn) / step_s, wound, spans, tension, goal_after(step_s, now.goal, drive))
+    motors: Now = jax.tree.map(lambda new, old: jnp.where(passed_s > 0, new, old), turned, now)
+    pull = held_tension(time_s, spans, motors.horn, reach(motors), order, k)
+
+    def energy(torsion: jax.Array, shortening: jax.Array, tilt: tuple[Any, Any]) -> jax.Array:
+        stored = silicone_energy(torsion, shortening, p)
+        stored += viscoelastic_energy(torsion, shortening, motion.memory, motion.axial_memory, p)
+        bent = sum((t - rest) ** 2 for t, rest in zip(tilt, joint.rest_tilt, strict=True))
+        stored += 0.5 * p.bending_rigidity / p.length * bent
+        return jnp.asarray(
+            stored + sum(t * span for t, span in zip(pull, span_lengths(torsion, shortening, p, tilt), strict=True))
+        )
+
+    slope = jax.grad(energy, argnums=(0, 1, 2))(motion.torsion, motion.shortening, at.tilt)
+    torque = head_torque(slope[0], p.guides.torque(pull.sum(), motion.bristles), motion, p) + drive.push
+    pulled = drive_torque(time_s, motion, motors.goal, drive, p)
+    lever = free_lever_acceleration(torque, pulled - gear_friction(motion.lever_rate, p), p)
+    rate = derivative(motion, torque, slope[1], lever, p)
+    tilt_rate = (-slope[2][0] / joint.damping, -slope[2][1] / joint.damping)
+    return Tilting(rate, tilt_rate), motors, Seen(rate.torsion_rate, tilt_rate, pulled)
+
+
+class Upright(Body):
+    """A head that twists and sinks, and tilts without inertia."""
+
+    def __init__(self, spec: RigSpec, rest_tilt: tuple[float, float]) -> None:
+        joint = Joint(from_rig(spec), spec.tendons.cable_stiffness.value, rest_tilt, TILT_DAMPING)
+        super().__init__(spec, joint, joint.p, _upright_forces, _upright_example)
+        self._rest_tilt = rest_tilt
+        self.steps = steps_per_tick(joint, np.radians(spec.limits.torsion_deg) * 2 * np.pi * spec.limits.drive_hz)
+        contact = jnp.asarray(spec.tendons.first_contact_tension.value)
+        held, _ = jax.jit(set_pretension)(joint.p, jnp.zeros(()), contact, jnp.asarray(POSITION), jnp.zeros(()))
+        self.first_end = float(held.cable_end)
+        motion = self.where.now.motion.motion
+        self.lever, self.lever_rate = motion.lever, motion.lever_rate
+
+    def begin(self, now: Array) -> Array:
+        now[list(self.where.now.motion.tilt)] = self._rest_tilt
+        zero, tilt = jnp.zeros(()), (jnp.asarray(self._rest_tilt[0]), jnp.asarray(self._rest_tilt[1]))
+        return np.asarray(jnp.stack(span_lengths(zero, zero, self.p, tilt)))
+
+    def head(self, seen: list[float], late: float) -> Head:
+        where, motion = self.where.seen, self.where.now.motion.motion
+        speed = seen[motion.torsion_rate] + late * seen[where.torsion_acceleration]
+        torsion = seen[motion.torsion] + late * seen[motion.torsion_rate]
+        gyro = seen[motion.gyro] + late * seen[motion.gyro_rate]
+        rate_y, rate_z = (seen[i] for i in where.tilt_rate)
+        y, z = (seen[i] for i in self.where.now.motion.tilt)
+        c, s = math.cos(torsion), math.sin(torsion)
+        along = self._chip * seen[where.torsion_acceleration]
+        tilt, turned = (y + late * rate_y, z + late * rate_z), (gyro, c * rate_y + s * rate_z, c * rate_z - s * rate_y)
+        return torsion, speed, tilt, turned, _specific_force((y, z), c, s, -self._chip * speed**2, along)
+
+
+def _specific_force(tilt: tuple[float, float], c: float, s: float, radial: float, tangential: float) -> Vector:
+    """Return the specific force [m/s²] in frame H at (0, r, 0): against gravity, and what the twist adds to it."""
+    y, z = tilt
+    angle = math.hypot(y, z)
+    sine = math.sin(angle) / angle if angle else 1.0
+    up_y, up_z = -sine * z, sine * y
+    force_y, force_z = c * up_y + s * up_z, c * up_z - s * up_y
+    g = STANDARD_GRAVITY
+    return g * math.cos(angle), g * force_y + radial, g * force_z + tangential
 
 
 # ---- the joint in space behind its motors, in motion: the rod with its head, and a motor for each tendon
 #
-# Rod, head, lever, guides and weight are those of `sinew.mechanics.space`; motors, cables and drive those of
-# `sinew.emulator.joint`. The head has mass here and tilts as it does in the twin, so it sways. What the joint's own
-# motion asks of a horn costs no speed, as in the twin, whatever moves it: twist and sway.
+# Rod, head, lever, guides and weight are those of `sinew.mechanics.space`. The head has mass here and tilts as it does
+# in the twin, so it sways.
 #
 # Modes faster than `solve.spatial.FASTEST_OMEGA` are slowed to it, about first contact with every horn held: there the
 # cables alone are stiffer than with their motors, so that a tick is one stable step of RK4 in any state of the motors.
-
-
-class SpaceNow(NamedTuple):
-    """All that changes with time: the state of `mechanics.space`, and of motors and drive as `emulator.joint.Now`."""
-
-    motion: SpaceState
-    horn: Any
-    horn_speed: Any
-    wound: Any
-    span: Any
-    tension: Any
-    goal: Any
 
 
 class SpaceSeen(NamedTuple):
@@ -419,32 +462,24 @@ class SpaceSeen(NamedTuple):
     torque: Any
 
 
-@cache
-def space_layout(kind: Kind) -> Layout:
-    """Return the layout for a kind of joint: arrays of indices."""
-    each, three, strains = np.zeros(kind.tendons), np.zeros(3), np.zeros((6, TERMS))
-    bristles, one = tuple(np.zeros(()) for _ in kind.guides.spread), np.zeros(())
-    state: Any = SpaceState(strains, strains, np.zeros(()), one, np.zeros((BRANCHES, 6, TERMS)), bristles, three, three)  # type: ignore[arg-type]
-    two = np.zeros(2)
-    seen = SpaceSeen(one, one, two, two, three, three, three, one)
-    now, seen = _numbered_arrays((SpaceNow(state, each, each, each, each, each, one), seen))
-    tendons = _numbered_arrays(TendonOrder(*(each,) * 12))
-    drive, step_s, steps = _numbered_arrays((DriveOrder(*(one,) * 13), one, one))
-    return Layout(now, tendons, drive, int(step_s), int(steps), seen)
-
-
-def _numbered_arrays(like: Any) -> Any:
-    """Return the same with indices in place of its numbers, counted from 0."""
-    leaves, tree = jax.tree.flatten(like)
-    ends = np.cumsum([leaf.size for leaf in leaves])
-    pairs = zip(leaves, ends, strict=True)
-    return jax.tree.unflatten(tree, [np.arange(end - leaf.size, end).reshape(leaf.shape) for leaf, end in pairs])
+def _space_example(guides: type[GuideFriction]) -> tuple[SpaceState, SpaceSeen]:
+    two, three, strains, memory = np.zeros(2), np.zeros(3), np.zeros((6, TERMS)), np.zeros((BRANCHES, 6, TERMS))
+    bristles: Any = (0.0,) * len(guides.spread)
+    state = SpaceState(strains, strains, 0.0, 0.0, memory, bristles, three, three)  # type: ignore[arg-type]
+    return state, SpaceSeen(0.0, 0.0, two, two, three, three, three, 0.0)
 
 
 def space_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> tuple[Space, float]:
     """Return (the parameters of a rig whose continuum is bent by `rest_tilt` [rad] when nothing pulls, cables in place
-    of cables on motors; mean cable end of the twin at first contact [m])."""
+    of cables on motors; mean cable end of the twin at first contact [m]). Raises SpecError for a head that falls over
+    while no tendon pulls."""
     space = space_from_rig(spec)
+    if not stays_upright(space, 0.0):
+        raise SpecError(
+            f"rig {spec.name}: its head of {spec.inertia.head_mass.value:g} kg falls over on the silicone while no "
+            "tendon holds it, so no bench in space can begin with it; leave --in-space out, or lower inertia.head_mass "
+            "or space.head_height"
+        )
     contact, cable = spec.tendons.first_contact_tension.value, spec.tendons.cable_stiffness.value
     q, ends = first_contact(space, contact)
     tense = ends + contact / float(space.rod.joint.stiffness)
@@ -457,27 +492,19 @@ def space_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> tuple[Space, floa
     return driven._replace(rod=driven.rod._replace(rest_bend=bent)), float(ends.mean())
 
 
-def hanging(space: Space) -> Array:
-    """Return the coordinates (6, term) at which the joint rests while nothing pulls."""
-    slack = space._replace(held_tension=np.zeros_like(space.held_tension))
-    return settle(np.zeros((6, TERMS)), slack)[0]
-
-
-def _forces(
+def _space_forces(
     time_s: jax.Array,
     at: SpaceState,
-    now: SpaceNow,
+    now: Now,
     order: TendonOrder,
     drive: DriveOrder,
     space: Space,
     step_s: jax.Array,
     passed_s: jax.Array,
-) -> tuple[SpaceState, SpaceNow, SpaceSeen]:
-    """Return (derivative, motors, what is seen) at a state `at`, time_s after a step's start.
-
-    now: as the last step left the motors, `passed_s` before the present step; they are taken through it first. So
-    lengths of tendons are needed where slopes are, and nowhere else.
-    """
+) -> tuple[SpaceState, Now, SpaceSeen]:
+    """Return (derivative, motors, what is seen) at a state; see `Forces`. The motors are taken through the last step
+    first: so lengths of tendons are needed where slopes are, and nowhere else. What twist and sway ask of a horn costs
+    no speed."""
     k = space.rod.joint.stiffness
     moved = motion_of(at.q, at.q_rate, at.lever, at.lever_rate, space)
     spans, span_rate = jax.jvp(lambda q: tendon_spans(q, space), (at.q,), (at.q_rate,))
@@ -487,7 +514,7 @@ def _forces(
     speed = jnp.where(passed_s > 0, (horn - now.horn) / step_s, now.horn_speed)
     goal = goal_after(passed_s, now.goal, drive)
     goal = jnp.where(passed_s > 0, goal, now.goal)
-    motors = SpaceNow(at, horn, speed, wound, spans, tension, goal)
+    motors = Now(at, horn, speed, wound, spans, tension, goal)
     reach = reach_of(tension, horn, wound, order, free, step_s)
     pull = held_tension(time_s, spans, horn, reach, order, k)
 
@@ -514,54 +541,41 @@ def _seen(acceleration: jax.Array, moved: Motion, felt: Pull, torque: jax.Array,
     return SpaceSeen(torsion, felt.torsion_rate, tilt, tilt_rate, pulled @ head, moved.spin, spin_rate, torque)
 
 
-class Form(NamedTuple):
-    """What the compiled code is made for: a kind of joint, and how its constants are taken from one vector."""
+class InSpace(Body):
+    """The head of a rod, with mass. Raises SpecError for a rig that tells no masses."""
 
-    kind: Kind
-    tree: Any
-    shapes: tuple[tuple[int, ...], ...]
+    steps = 1
 
-    @classmethod
-    def of(cls, kind: Kind, space: Space) -> tuple["Form", jax.Array]:
-        """Return (form, the constants in one vector)."""
-        leaves, tree = jax.tree.flatten(space)
-        vector = jnp.concatenate([jnp.ravel(jnp.asarray(leaf, dtype=float)) for leaf in leaves])
-        return cls(kind, tree, tuple(np.shape(leaf) for leaf in leaves)), vector
+    def __init__(self, spec: RigSpec, rest_tilt: tuple[float, float]) -> None:
+        space, self.first_end = space_of(spec, rest_tilt)
+        super().__init__(spec, space, space.rod.joint, _space_forces, _space_example)
+        self._space = jax.tree.map(jnp.asarray, space)
+        motion = self.where.now.motion
+        self.lever, self.lever_rate = motion.lever, motion.lever_rate
 
-    def space(self, constants: jax.Array) -> Space:
-        """Return the parameters that a vector holds."""
-        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
-        parts = zip(jnp.split(constants, ends[:-1]), self.shapes, strict=True)
-        return jax.tree.unflatten(self.tree, [part.reshape(shape) for part, shape in parts])  # type: ignore[no-any-return]
+    def begin(self, now: Array) -> Array:
+        slack = self._space._replace(held_tension=np.zeros_like(self._space.held_tension))
+        q = jnp.asarray(settle(np.zeros((6, TERMS)), slack)[0])  # as it hangs while nothing pulls
+        motion, state = self.where.now.motion, space_at_rest(q, self._space)
+        now[motion.q], now[motion.memory] = state.q, state.memory
+        return np.asarray(tendon_spans(q, self._space))
 
+    def head(self, seen: list[float], late: float) -> Head:
+        where, motion = self.where.seen, self.where.now.motion
 
-@partial(jax.jit, static_argnums=4)
-def move_on_in_space(now: Array, tendons: Array, drive: Array, constants: jax.Array, form: Form) -> jax.Array:
-    """Return the numbers of `now` and `seen` after the steps that the vectors ask for; see `space_layout`.
+        def numbers(indices: Array) -> list[float]:
+            return [seen[i] for i in indices]
 
-    constants: those of a `Space`, as `form` takes them.
+        def going(now: list[float], rates: list[float]) -> tuple[float, ...]:
+            return tuple(a + late * b for a, b in zip(now, rates, strict=True))
 
-    A turn of the loop is one slope of RK4, which is long to compile and stands here once. The last state is seen in one
-    more turn.
-    """
-    where, space = space_layout(form.kind), form.space(constants)
-    asked, order = (
-        jax.tree.map(jnp.asarray(v).__getitem__, w) for v, w in ((drive, where.drive), (tendons, where.tendons))
-    )
-    start = jax.tree.map(jnp.asarray(now).__getitem__, where.now)
-    step_s, turns = jnp.asarray(drive)[where.step_s], 4 * jnp.asarray(drive)[where.steps].astype(int) + 1
-
-    def turn(n: jax.Array, carry: Any) -> Any:
-        begun, here, gone, motors, seen = carry
-        stage = n % 4
-        passed = jnp.where((stage == 0) & (n > 0), step_s, 0.0)
-        time_s = jnp.asarray(STAGE_TIMES)[stage] * step_s
-        slope, motors_here, seen_here = _forces(time_s, here, motors, order, asked, space, step_s, passed)
-        kept = jax.tree.map(lambda new, old: jnp.where(stage == 0, new, old), (motors_here, seen_here), (motors, seen))
-        return *next_stage(stage, begun, gone, slope, step_s), *kept
-
-    zero = jax.tree.map(jnp.zeros_like, start.motion)
-    nothing = jax.tree.map(lambda w: jnp.zeros(w.shape), where.seen)
-    carry = (start.motion, start.motion, zero, start, nothing)
-    *_, motors, seen = jax.lax.fori_loop(0, turns, turn, carry)
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves((motors, seen))])
+        (x, y, z), (turn_x, _, turn_z) = numbers(where.spin), numbers(where.spin_rate)
+        force, r = numbers(where.force), self._chip
+        # what turning gives a chip at (0, r, 0): α x p + ω x (ω x p)
+        chip = (force[0] + r * (x * y - turn_z), force[1] - r * (x * x + z * z), force[2] + r * (y * z + turn_x))
+        torsion, rate = seen[where.torsion], seen[where.torsion_rate]
+        tilt, gyro = (
+            going(numbers(where.tilt), numbers(where.tilt_rate)),
+            going(*map(numbers, (motion.gyro, motion.gyro_rate))),
+        )
+        return torsion + late * rate, rate, tilt, gyro, chip  # type: ignore[return-value]

@@ -3,7 +3,7 @@
 An instruction is heard when its last byte has come; a device answers when its return delay has passed, with what its
 registers hold then. In a sync or bulk read the answers follow one another: each device waits for the status before its
 own. Behind a device that does not answer a motor stays silent, while a board goes on after the time that the answer
-would have taken (`Device.goes_on_alone`); the manual does not say what a motor does, and this is the worse of the two.
+would have taken (`Device.is_node`); the manual does not say what a motor does, and this is the worse of the two.
 A device set to another baud hears nothing that makes sense, and says nothing. Who speaks at the same time spoils the
 bytes: zeros win over ones. Some adapters return what their master sends (`echoes`). A status that a USB adapter hands
 over in one piece is handed over here when its last byte has come. Answers to a ping of all come by id.
@@ -18,6 +18,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from sinew.emulator.device import CRC, Device
 from sinew.hardware import codec as ask
@@ -84,23 +85,13 @@ class _Round:
         return part + check
 
 
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """One device's part of a group's answer. leads: whether the next waits for its end."""
-
-    group: _Round
-    device: Device
-    read: ask.Read
-    leads: bool
-
-
 class Line:
     """The wire between a master and devices.
 
     host_baud: of the master [1/s]; may be set at any time. disturb_down: faults on the way to the devices;
     disturb_up: to the master. echoes: whether the master's adapter returns what it sends, as one does whose receiver
-    listens to its own driver. instructions: how many have been heard, and of them group_reads; heard_at: when the last
-    one [s]. Call `work` at every `next_event`, with the devices brought to that time.
+    listens to its own driver. instructions: how many have been heard. Call `work` at every `next_event`, with the
+    devices brought to that time.
     """
 
     def __init__(self, devices: Sequence[Device], host_baud: int = 1_000_000) -> None:
@@ -116,8 +107,7 @@ class Line:
         self._arriving: list[tuple[float, int, bytes]] = []
         self._master_free = 0.0
         self._ear_since = -math.inf
-        self.instructions = self.group_reads = 0
-        self.heard_at = -math.inf
+        self.instructions = 0
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes that the master begins to send at a time [s]; they wait for those it sent before."""
@@ -126,8 +116,8 @@ class Line:
             burst = self._put(start, part)
             start = self._master_free = burst.stop
             if self.echoes:
-                self._plan(burst.stop, lambda at, burst=burst: self._come_up(at, bytes(burst.data)))  # type: ignore[misc]
-            self._plan(burst.stop, lambda at, burst=burst: self._come_down(at, bytes(burst.data)))  # type: ignore[misc]
+                self._plan(burst.stop, partial(self._come_up, burst.data))
+            self._plan(burst.stop, partial(self._come_down, burst.data))
 
     def transmit(self, now: float) -> bytes:
         """Return what has come to the master by a time [s], and was not returned before."""
@@ -172,23 +162,22 @@ class Line:
         self._wire.append(burst)
         return burst
 
-    def _come_down(self, at: float, data: bytes) -> None:
-        if self.disturb_down is None:
-            self._hear(at, data)
-            return
-        for when, part in self.disturb_down(at, data):
+    def _come_down(self, data: bytearray, at: float) -> None:
+        """Let bytes come to the devices. They are looked at when the last has come: others may have spoilt them."""
+        arrivals = [(at, bytes(data))] if self.disturb_down is None else self.disturb_down(at, bytes(data))
+        for when, part in arrivals:
             if when <= at:
-                self._hear(at, part)
+                self._hear(part, at)
             else:
-                self._plan(when, lambda late, part=part: self._hear(late, part))  # type: ignore[misc]
+                self._plan(when, partial(self._hear, part))
 
-    def _come_up(self, at: float, data: bytes) -> None:
-        arrivals = [(at, data)] if self.disturb_up is None else self.disturb_up(at, data)
+    def _come_up(self, data: bytearray, at: float) -> None:
+        arrivals = [(at, bytes(data))] if self.disturb_up is None else self.disturb_up(at, bytes(data))
         for when, part in arrivals:
             if part:
                 heapq.heappush(self._arriving, (max(at, when), next(self._order), part))
 
-    def _hear(self, now: float, data: bytes) -> None:
+    def _hear(self, data: bytes, now: float) -> None:
         """Take bytes of the master whose last one has come."""
         if now - len(data) * _BITS_PER_BYTE / self.host_baud - self._ear_since > GAP_S:
             self._ear.reset()
@@ -202,25 +191,20 @@ class Line:
 
     def _refuse_damaged(self, device_id: int, code: int, now: float) -> None:
         for device in self._listeners(now):
-            if device.id == device_id and device.answers_damaged and device.answers_to(code):
+            if device.id == device_id and not device.is_node and device.answers_to(code):
                 self._speak_later(now + device.return_delay, encode(device.status(CRC)))
 
     def _listeners(self, now: float) -> list[Device]:
-        return [device for device in self.devices if self._does_hear(device, now)]
-
-    def _does_hear(self, device: Device, now: float) -> bool:
-        return device.baud == self.host_baud and device.hears(now)
+        return [device for device in self.devices if device.baud == self.host_baud and device.hears(now)]
 
     def _carry_out(self, instruction: Instruction, now: float) -> None:
         self.instructions += 1
-        self.heard_at = now
         listeners = self._listeners(now)
         for device in listeners:
             device.heed(now)
         code, to_all = instruction.code, instruction.id == BROADCAST
         if code in _READS or code in _FAST_READS:
             reads = ask.reads_of(instruction)
-            self.group_reads += code != ask.READ
             if reads:
                 group = _Round(reads, code in _FAST_READS)
                 if not group.fast or group.length <= LONGEST:
@@ -253,12 +237,12 @@ class Line:
                 now += device.return_delay + len(data) * _BITS_PER_BYTE / self.host_baud
 
     def _speak_later(self, start: float, data: bytes) -> None:
-        self._plan(start, lambda at: self._speak(at, data))
+        self._plan(start, partial(self._speak, data))
 
-    def _speak(self, start: float, data: bytes | bytearray) -> float:
+    def _speak(self, data: bytes, start: float) -> float:
         """Put a device's bytes on the wire; return when the last has gone [s]."""
         burst = self._put(start, bytes(data))
-        self._plan(burst.stop, lambda at: self._come_up(at, bytes(burst.data)))
+        self._plan(burst.stop, partial(self._come_up, burst.data))
         return burst.stop
 
     def _go_on(self, group: _Round, now: float) -> None:
@@ -267,13 +251,12 @@ class Line:
             read = group.reads[group.next]
             speakers = self._speakers(read.id, group.fast, now)
             if group.broken:
-                speakers = [device for device in speakers if device.goes_on_alone and not group.fast]
+                speakers = [device for device in speakers if device.is_node and not group.fast]
             if speakers:
                 for place, device in enumerate(speakers):
                     wait = 0.0 if group.fast and group.next else device.return_delay
                     # Of two devices with one id, the first to be named leads on to the next.
-                    turn = _Turn(group, device, read, place == 0)
-                    self._plan(now + wait, lambda at, turn=turn: self._take(turn, at))  # type: ignore[misc]
+                    self._plan(now + wait, partial(self._take, group, device, read, place == 0))
                 return
             if group.fast:
                 return  # the packet ends where a device does not go on with it
@@ -281,26 +264,19 @@ class Line:
             now += wire_bytes(read.length, status=True) * _BITS_PER_BYTE / self.host_baud
 
     def _speakers(self, device_id: int, fast: bool, now: float) -> list[Device]:
-        return [
-            device
-            for device in self.devices
-            if device.id == device_id
-            and self._does_hear(device, now)
-            and device.status_return_level >= 1
-            and (device.knows_fast_reads or not fast)
-        ]
+        mine = [device for device in self._listeners(now) if device.id == device_id]
+        return [one for one in mine if one.status_return_level >= 1 and (one.knows_fast_reads or not fast)]
 
-    def _take(self, turn: _Turn, now: float) -> None:
-        """Let a device say its part of a group's answer, as its registers are now."""
-        group, device, read = turn.group, turn.device, turn.read
+    def _take(self, group: _Round, device: Device, read: ask.Read, leads: bool, now: float) -> None:
+        """Let a device say its part of a group's answer, as its registers are now. leads: whether the next waits."""
         status = device.answer(read.address, read.length, now) if device.hears(now) else None
         stop = now
         if status is not None:
-            stop = self._speak(now, group.block(status, read) if group.fast else encode(status))
-        if turn.leads:
+            stop = self._speak(group.block(status, read) if group.fast else encode(status), now)
+        if leads:
             group.next, group.broken = group.next + 1, status is None
             if group.next < len(group.reads):
-                self._plan(stop, lambda at: self._go_on(group, at))
+                self._plan(stop, partial(self._go_on, group))
 
 
 def _at_headers(data: bytes) -> list[bytes]:

@@ -11,7 +11,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from sinew.emulator.device import DATA_LIMIT, DATA_RANGE, RESULT_FAIL, ControlTable, Part, RegisterSet
+from sinew.emulator.device import DATA_LIMIT, DATA_RANGE, RESULT_FAIL, START_TIME, ControlTable, Device, Part
 from sinew.emulator.plant import Horn, Law
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction
@@ -124,15 +124,6 @@ POSITION_MODES = (POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
 """Those that go to goal_position."""
 
 _INTEGRAL = 16.0  # factor on the velocity loop's P gain that stands for its integral part
-_SCALED = (
-    "velocity_i_gain",
-    "velocity_p_gain",
-    "position_d_gain",
-    "position_i_gain",
-    "position_p_gain",
-    "feedforward_2nd_gain",
-    "feedforward_1st_gain",
-)
 
 
 def goal_of(mode: int) -> str:
@@ -147,10 +138,9 @@ def reset_for_mode(registers: ControlTable) -> None:
 
     The manual gives the gains of mode 5 no numbers of their own; they are taken to be those of the others.
     """
-    for name in _SCALED:
-        initial = registers.rows[name].initial
-        assert initial is not None
-        registers[name] = initial
+    for row in registers.rows:
+        if row.name.endswith("_gain") and row.initial is not None:
+            registers[row.name] = row.initial
     registers["profile_velocity"] = registers["profile_acceleration"] = 0
     registers["goal_pwm"] = registers["pwm_limit"]
     registers["goal_current"] = registers["current_limit"]
@@ -199,8 +189,8 @@ class Servo:
     turns only from when it was started), plus the homing offset. In reverse mode all of them, speeds and efforts
     included, are inverted (the manual says so of positions; of the others it is assumed).
 
-    is_on: whether the torque is. is_held: whether it was stopped, and waits for another goal. tells_supply: whether its
-    register of the current tells the supply's and not the motor's.
+    due: when it is to be advanced again [s]. is_on: whether the torque is. is_held: whether it was stopped, and waits
+    for another goal. tells_supply: whether its register of the current tells the supply's and not the motor's.
     """
 
     def __init__(self, registers: ControlTable, horn: Horn) -> None:
@@ -208,13 +198,8 @@ class Servo:
         self._profile = Profile()
         self.is_on = False
         self._turns = 0.0
-        self._next_step = math.inf
+        self.due = math.inf
         self.is_held = self.tells_supply = False
-
-    @property
-    def due(self) -> float:
-        """When it is to be advanced again [s]."""
-        return self._next_step
 
     @property
     def _direction(self) -> int:
@@ -225,27 +210,23 @@ class Servo:
         """Of the plant's sense that more counts have."""
         return self._direction * self._horn.sign
 
-    def position(self) -> float:
-        """Return the present position in counts, with fractions."""
-        registers = self._registers
+    def position(self, *, in_first_turn: bool = False) -> float:
+        """Return the present position in counts, with fractions. in_first_turn: whether whole turns are forgotten."""
         counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
-        if not self.is_on and registers.memory[_MODE] == POSITION_MODE:
+        if in_first_turn or (not self.is_on and self._registers.memory[_MODE] == POSITION_MODE):
             self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
         return counts - self._turns + self._offset()
 
     def forget_turns(self) -> None:
         """Take the present position for one within the first turn."""
-        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
-        self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
-        self._profile.jump(self.position())
+        self._profile.jump(self.position(in_first_turn=True))
         if self.is_on:
             self._settle_on_present()
 
     def turn_on(self, now: float) -> None:
         """Put the torque on: from where it is, at rest."""
         self.position()
-        self.is_on = True
-        self.is_held = False
+        self.is_on, self.is_held = True, False
         self._registers["goal_velocity"] = 0
         self._settle_on_present()
         self.pursue(now)
@@ -253,7 +234,7 @@ class Servo:
     def turn_off(self) -> None:
         """Take the torque off."""
         self.is_on = False
-        self._next_step = math.inf
+        self.due = math.inf
         self._horn.set_law(Law())
         self._profile.jump(self.position())
 
@@ -265,7 +246,7 @@ class Servo:
         """
         registers, mode = self._registers, self._registers.memory[_MODE]
         self.is_held = True
-        self._next_step = math.inf
+        self.due = math.inf
         if mode in POSITION_MODES:
             self._settle_on_present()
             fault = self._offset() if mode == EXTENDED_POSITION_MODE else 0
@@ -293,10 +274,7 @@ class Servo:
         """Have the horn follow the registers and the trajectory."""
         if not self.is_on or self.is_held:
             return
-        if self._profile.is_running:
-            self._next_step = min(self._next_step, now + PROFILE_STEP)
-        else:
-            self._next_step = math.inf
+        self.due = min(self.due, now + PROFILE_STEP) if self._profile.is_running else math.inf
         at, sign = self._profile.position, self.sign
         is_speed = self._registers.memory[_MODE] == VELOCITY_MODE
         angle, speed = (0.0, sign * at * SPEED_LSB) if is_speed else (self._angle_of(at), 0.0)
@@ -304,15 +282,15 @@ class Servo:
 
     def advance(self, now: float) -> None:
         """Go one step along the trajectory, if one is due."""
-        if now >= self._next_step:
+        if now >= self.due:
             self._profile.advance(PROFILE_STEP)
-            self._next_step += PROFILE_STEP
+            self.due += PROFILE_STEP
             self.pursue(now)
 
     def is_moving(self) -> bool:
         """Return what the register `moving` says."""
-        speed = abs(self._horn.motion().speed) / SPEED_LSB
-        return speed > self._registers["moving_threshold"] or self._is_underway()
+        is_underway = self._profile.is_running and self._registers.memory[_MODE] in POSITION_MODES
+        return is_underway or abs(self._horn.motion().speed) / SPEED_LSB > self._registers["moving_threshold"]
 
     def tell(self, tick: int, volts: float, degrees: float) -> None:
         """Bring the present registers up to date."""
@@ -346,9 +324,6 @@ class Servo:
         if self._profile.is_running:
             bits |= _ONGOING | (_TRAPEZOIDAL if self._profile.acceleration else _RECTANGULAR)
         return bits
-
-    def _is_underway(self) -> bool:
-        return self._profile.is_running and self._registers.memory[_MODE] in POSITION_MODES
 
     def _settle_on_present(self) -> None:
         """Make the present position the goal, at rest; of a motor that keeps a speed, take it for standing still."""
@@ -412,19 +387,23 @@ class Protection:
     """What a motor knows about its own health.
 
     servo: its model. temperature: of the winding, taken for that of the register [°C]. overloaded_for: [s].
-    latched: bits that stay until the motor starts anew.
+    latched: bits that stay until the motor starts anew. heated_by: as a fault, from outside [K/s]. is_burdened: as a
+    fault, whether it bears too much load while its torque is on.
     """
 
     servo: DataSheet
     temperature: float = _AMBIENT
     overloaded_for: float = 0.0
     latched: int = 0
+    heated_by: float = 0.0
+    is_burdened: bool = False
 
-    def advance(self, dt: float, current: float) -> None:
-        """Carry a current [A] for a time [s]."""
+    def advance(self, dt: float, current: float, torque: bool) -> None:
+        """Carry a current [A] for a time [s]. torque: whether it is on."""
         target = _AMBIENT + _PER_WATT * self.servo.resistance * current * current
         self.temperature += (target - self.temperature) * min(1.0, dt / _TIME_CONSTANT)
-        loaded = abs(current) >= _OVERLOAD_SHARE * self.servo.stall_current
+        self.temperature += self.heated_by * dt
+        loaded = abs(current) >= _OVERLOAD_SHARE * self.servo.stall_current or (self.is_burdened and torque)
         self.overloaded_for = self.overloaded_for + dt if loaded else 0.0
 
     def errors(self, supply: float, low: float, high: float, temperature_limit: float, shutdown: int) -> int:
@@ -438,14 +417,6 @@ class Protection:
             self.latched |= VOLTAGE
         return self.latched | VOLTAGE * bad_voltage
 
-    def restart(self) -> None:
-        """Forget the errors; the winding stays warm."""
-        self.latched = 0
-        self.overloaded_for = 0.0
-
-
-START_TIME = 0.3
-"""How long a motor is deaf after power-on or reboot [s]; assumed."""
 
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
@@ -459,45 +430,29 @@ _PRESENT = range(120, 148)
 _INDIRECT_START = 168
 
 
-class Motor(RegisterSet):
+class Motor(Device):
     """One motor: registers, power, bus watchdog and protection around a `Servo`.
 
-    rows: of its model. horn: what it moves. device_id, baud_code: registers id and baud_rate as set before. firmware:
-    45 and later know fast reads. supply: [V].
+    rows: of its model. horn: what it moves. firmware: 45 and later know fast reads. supply: [V].
     loses: as a fault, names of registers whose writes it confirms and forgets.
     """
 
-    def __init__(
-        self,
-        rows: RegisterTable,
-        horn: Horn,
-        *,
-        device_id: int = 1,
-        baud_code: int = 1,
-        firmware: int = 47,
-        supply: float = 12,
-        tells_supply: bool = False,
-    ) -> None:
+    fast_reads_from = FAST_READS_FROM
+
+    def __init__(self, rows: RegisterTable, horn: Horn, *, firmware: int = 47, supply: float = 12) -> None:
         super().__init__(ControlTable(rows), firmware)
-        registers = self.registers
-        registers["firmware_version"] = firmware
-        registers["id"], registers["baud_rate"] = device_id, baud_code
+        self.registers["firmware_version"] = firmware
         self.horn = horn
         self.protection = Protection(SERVOS[rows.model])
         self.supply = supply
+        self.is_powered = supply >= self.protection.servo.brown_out
         self.loses: set[str] = set()
+        self.servo = Servo(self.registers, horn)
         self._backup: bytes | None = None
-        self._servo = Servo(registers, horn)
-        self._servo.tells_supply = tells_supply
-        self._deaf_until = -math.inf
         self._started = 0.0
         self._watchdog_due = math.inf
         self._next_check = PERIOD
         self._begin()
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        return self.firmware >= FAST_READS_FROM
 
     @property
     def torque(self) -> bool:
@@ -516,15 +471,10 @@ class Motor(RegisterSet):
     @property
     def due(self) -> float:
         """When `advance` has something to do [s]."""
-        return min(self._servo.due, self._watchdog_due, self._next_check)
-
-    @property
-    def is_powered(self) -> bool:
-        """Whether the supply is enough for its controller."""
-        return self.supply >= self.protection.servo.brown_out
+        return min(self.servo.due, self._watchdog_due, self._next_check)
 
     def hears(self, now: float) -> bool:
-        return self.is_powered and now >= self._deaf_until and self.registers.memory[13] == 2
+        return super().hears(now) and self.registers.memory[13] == 2
 
     def heed(self, now: float) -> None:
         if self._watchdog_due < math.inf:
@@ -532,20 +482,20 @@ class Motor(RegisterSet):
 
     def advance(self, now: float) -> None:
         """Do what is due: trajectory, watchdog, protection."""
-        self._servo.advance(now)
+        self.servo.advance(now)
         if now >= self._watchdog_due:
             self._watchdog_due = math.inf
             self.registers["bus_watchdog"] = WATCHDOG_TRIPPED
-            self._servo.hold()
+            self.servo.hold()
         if now >= self._next_check:
             self._next_check += PERIOD
-            self.protection.advance(PERIOD, self.horn.motion().current)
+            self.protection.advance(PERIOD, self.horn.motion().current, self.torque)
             self._check()
 
     def set_supply(self, voltage: float, now: float) -> None:
         """Feed it another voltage [V]: too little turns it off, and from there it starts anew."""
-        was_on = self.is_powered
-        self.supply = voltage
+        was_on, self.supply = self.is_powered, voltage
+        self.is_powered = voltage >= self.protection.servo.brown_out
         if self.is_powered != was_on:
             self.restart(now)
         self._check()
@@ -556,27 +506,15 @@ class Motor(RegisterSet):
         self._check()
 
     def restart(self, now: float) -> None:
-        """Start anew: torque off, RAM registers as at power-on, deaf for `START_TIME`."""
-        self._servo.turn_off()
-        self.registers.restart()
-        self.protection.restart()
-        self._pending = None
-        self._deaf_until = self._started = now + START_TIME
+        self.servo.turn_off()
+        super().restart(now)
+        self.protection.latched, self.protection.overloaded_for = 0, 0.0  # the winding stays warm
+        self._started = now + START_TIME
         self._begin()
 
     def refresh(self, address: int, length: int, now: float) -> None:
         if (address < _PRESENT.stop and address + length > _PRESENT.start) or address + length > _INDIRECT_START:
-            self._servo.tell(int((now - self._started) * 1000), self.supply, self.protection.temperature)
-
-    def write(self, address: int, data: bytes, now: float) -> int:
-        number, parts = self.admit(address, data)
-        if not number:
-            parts = [(row, count) for row, count in parts if row.name not in self.loses] if self.loses else parts
-            for row, count in parts:
-                self.registers.store(row, count)
-            for row, count in parts:
-                self._react(row.name, count, now)
-        return number
+            self.servo.tell(int((now - self._started) * 1000), self.supply, self.protection.temperature)
 
     def carry_out(self, instruction: Instruction, now: float) -> int:
         if instruction.code == ask.CLEAR:
@@ -589,14 +527,14 @@ class Motor(RegisterSet):
         reset_for_mode(self.registers)
         self.registers["backup_ready"] = self._backup is not None
         self._watchdog_due = math.inf
-        self._servo.forget_turns()
+        self.servo.forget_turns()
 
     def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
         number, parts = super().admit(address, data)
         for row, count in parts:
             if objection := self._objection(row.name, count):
                 return objection, []
-        return number, parts
+        return number, [part for part in parts if part[0].name not in self.loses]
 
     def _objection(self, name: str, count: int) -> int:
         """Return the error number of a value that the register could hold but the motor does not take; else 0."""
@@ -616,8 +554,7 @@ class Motor(RegisterSet):
             return RESULT_FAIL if count and self.protection.latched & registers["shutdown"] else 0
         return 0
 
-    def _react(self, name: str, count: int, now: float) -> None:
-        """Act on a register that has been written."""
+    def react(self, name: str, count: int, now: float) -> None:
         if name in _GOALS:
             if not self.torque and self.registers["drive_mode"] & _TORQUE_BY_GOAL:
                 goal = self.registers[name]
@@ -625,24 +562,24 @@ class Motor(RegisterSet):
                 self._switch(True, now)
                 self.registers[name] = goal
             if name == goal_of(self.registers["operating_mode"]):
-                self._servo.aim(now)
+                self.servo.aim(now)
             else:
-                self._servo.pursue(now)
+                self.servo.pursue(now)
         elif name == "torque_enable":
             self._switch(bool(count), now)
         elif name == "operating_mode":
             reset_for_mode(self.registers)
-            self._servo.forget_turns()
+            self.servo.forget_turns()
         elif name == "bus_watchdog":
             self._arm(now)
         elif name in _GAINS:
-            self._servo.pursue(now)
+            self.servo.pursue(now)
 
     def _switch(self, on: bool, now: float) -> None:
-        if on and not self._servo.is_on:
-            self._servo.turn_on(now)
-        elif not on and self._servo.is_on:
-            self._servo.turn_off()
+        if on and not self.servo.is_on:
+            self.servo.turn_on(now)
+        elif not on and self.servo.is_on:
+            self.servo.turn_off()
         self._arm(now)
 
     def _arm(self, now: float) -> None:
@@ -659,15 +596,15 @@ class Motor(RegisterSet):
         memory[_ERRORS] = errors
         if self.torque and self.protection.latched & shutdown:
             memory[_TORQUE] = 0
-            self._servo.turn_off()
+            self.servo.turn_off()
             self._watchdog_due = math.inf
 
     def _clear(self, params: bytes) -> int:
         if params != _CLEAR_TURNS:
             return DATA_RANGE
-        if self._servo.is_moving():
+        if self.servo.is_moving():
             return RESULT_FAIL
-        self._servo.forget_turns()
+        self.servo.forget_turns()
         return 0
 
     def _back_up(self, params: bytes, now: float) -> int:

@@ -1,4 +1,4 @@
-"""What an emulated motor asks of the mechanics, and what the mechanics answer; motors that pull nothing.
+"""What an emulated motor asks of the mechanics, and what the mechanics answer.
 
 The device side (registers, modes, limits) sets a `Law` for each horn; the mechanics side (`Plant`) moves on in time and
 tells a `Motion`. Angles are at the horn, in the motor's own positive sense being *pulling* for a tendon motor and
@@ -6,13 +6,27 @@ the lever's positive sense for the drive; everything is in SI.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
 
-from sinew.measure.units import STANDARD_GRAVITY
+import jax
+import numpy as np
+
+from sinew.emulator.joint import TICK_S, InSpace, Upright
+from sinew.measure.arrays import Array
+from sinew.measure.errors import SpecError
+from sinew.mechanics.drive import duty_for
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import PULSE, SERVOS
+from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE, SERVOS
+from sinew.solve.programs import configure
+
+GEAR_HOLD = 0.1
+"""Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
+
+_INSTANT_S = 1e-6  # the unit of every time stamp on the bench
+_FAR = 1e3  # [m] or [m/s]: no bound
+_AT_ONCE = 1e9  # [rad]: a goal without a speed limit
 
 LawKind = Literal["off", "pwm", "velocity", "position", "current"]
 
@@ -71,39 +85,309 @@ class Plant(Protocol):
 
     def set_law(self, motor: int, law: Law) -> None:
         """Give a motor another law, from now on."""
-        ...
 
     def set_supply(self, voltage: float) -> None:
         """Feed the motors another voltage [V], from now on."""
-        ...
 
     def stick(self, tendon: int, stuck: bool) -> None:
         """Hold a tendon's motor where it is (a jammed pulley), or let it go."""
-        ...
 
     def slip(self, tendon: int, length: float) -> None:
         """Let so much cable slip out of a pulley [m], at once."""
-        ...
 
     def push(self, torque: float) -> None:
         """Push the head about the joint's axis with a torque from now on [N m]; positive as the torsion is."""
-        ...
 
     def place_lever(self, angle: float) -> None:
         """Put the lever at an angle to the head [rad], at once and at rest, as a hand does while its motor is off."""
-        ...
 
     def advance(self, until: float) -> None:
         """Move on to a time [s]; one that has passed changes nothing."""
-        ...
 
     def motion(self) -> Motion:
         """Return the state at the time last advanced to."""
-        ...
 
     def horn(self, motor: int) -> HornMotion:
         """Return one motor of that state, without the others."""
-        ...
+
+
+class JointPlant:
+    """The twin's joint behind one motor for each tendon and one for the lever; see `emulator.joint`.
+
+    spec: the rig. slack_m: by how much each tendon is loose where its motor's angle is zero and the joint rests
+    untensioned and untilted [m]; negative: taut. rest_tilt: to which the unloaded continuum is bent, about y and z of
+    frame B [rad]. in_space: whether the joint is a rod with a heavy head, which bends and sways; else its head has no
+    inertia across its axis, and a second of it costs a thirtieth.
+
+    All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
+    at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`, and in a shorter one to
+    where a law changes, which acts from then on. The drive is told as it is at the moment. Of the rest `motion` tells
+    how it has gone on since the last tick: angles at their speed, rates at their acceleration, tensions and the
+    tendons' currents as they were.
+
+    Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
+    let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
+    The gear's friction counts while a motor is off only. Where the joint is not in space, weight does not pull on the
+    tilted head, the gyroscope's low-pass is left out for y and z, and the accelerometer knows neither axial nor tilting
+    acceleration.
+
+    Raises SpecError for a number of slacks that is not the number of tendons.
+    """
+
+    def __init__(
+        self,
+        spec: RigSpec,
+        *,
+        slack_m: Sequence[float],
+        rest_tilt: tuple[float, float] = (0.0, 0.0),
+        in_space: bool = False,
+    ) -> None:
+        count = spec.tendons.count
+        if len(slack_m) != count:
+            raise SpecError(f"{len(slack_m)} slacks were given; the rig has {count} tendons, give one for each")
+        configure()
+        self.spec, self.count = spec, count
+        per_count = SERVOS[spec.wiring.tendon_model].position_gain_counts * P_GAIN_LSB / FULL_DUTY_COUNTS
+        # of a tendon motor's position loop [duty/rad], to which the rig's servo_stiffness belongs
+        self._servo_gain = per_count * spec.tendons.counts_per_turn.value / math.tau
+        self._radius = spec.tendons.pulley_radius.value
+        self._newton = spec.tendons.current(1.0)  # [A/N]
+        self._body: Upright | InSpace = InSpace(spec, rest_tilt) if in_space else Upright(spec, rest_tilt)
+        self._p, self._where = self._body.p, self._body.where
+        self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())
+        self._laws = [Law()] * (count + 1)
+        self._stuck = [False] * count
+        self._supply = spec.drive.supply_voltage.value
+        self._push = 0.0
+        self._ticks, self._counted_from, self._until = 0, 0.0, 0.0
+        self._begin(slack_m)
+
+    def _begin(self, slack_m: Sequence[float]) -> None:
+        state, now = self._now, self._where.now
+        bent, unpulled = self._body.begin(state), self.spec.tendons
+        across = unpulled.base_radius.value - unpulled.head_radius.value
+        ends = math.hypot(unpulled.free_span.value, across) + np.asarray(slack_m, dtype=float)
+        stiffness = self.spec.tendons.cable_stiffness.value
+        self._tendons[self._where.tendons.cable_end] = ends
+        state[now.span] = bent
+        state[now.tension] = np.maximum(0.0, stiffness * (bent - ends))
+        self._order_all()
+        for tendon in range(self.count):
+            self._anchor(tendon)
+        self._seen: list[float] = []
+        self._go(0)
+
+    def set_law(self, motor: int, law: Law) -> None:
+        self._reach_present()
+        old, self._laws[motor] = self._laws[motor], law
+        if motor == self.count:
+            if law.kind != old.kind:
+                self._now[self._where.now.goal] = self._now[self._body.lever]
+            self._order_drive()
+            return
+        self._order_tendon(motor)
+        if (law.kind, law.gain) != (old.kind, old.gain) or law.kind in ("pwm", "current"):
+            self._anchor(motor)
+
+    def set_supply(self, voltage: float) -> None:
+        self._reach_present()
+        self._supply = voltage
+        self._order_all()
+
+    def stick(self, tendon: int, stuck: bool) -> None:
+        self._reach_present()
+        self._stuck[tendon] = stuck
+        self._order_tendon(tendon)
+
+    def slip(self, tendon: int, length: float) -> None:
+        state, now, order = self._now, self._where.now, self._where.tendons
+        give = 0.0 if self._stuck[tendon] else float(self._tendons[order.compliance[tendon]])
+        before = float(state[now.tension[tendon]])
+        stiffness = 1 / (1 / self.spec.tendons.cable_stiffness.value + give)
+        after = max(0.0, before - stiffness * length)
+        self._tendons[order.cable_end[tendon]] += length
+        state[now.horn[tendon]] += (before - after) * give
+        state[now.tension[tendon]] = after
+        self._go(0)
+
+    def push(self, torque: float) -> None:
+        self._reach_present()
+        self._push = torque
+        self._order_drive()
+
+    def place_lever(self, angle: float) -> None:
+        body = self._body
+        self._now[body.lever] = self._now[self._where.now.goal] = angle
+        self._now[body.lever_rate] = 0.0
+        self._go(0)
+
+    def advance(self, until: float) -> None:
+        if until <= self._until:
+            return
+        self._until = until
+        ticks = math.floor((until - self._counted_from) / TICK_S + 1e-6) - self._ticks
+        if ticks > 0:
+            self._go(ticks)
+            self._ticks += ticks
+
+    def motion(self) -> Motion:
+        tendons = tuple(self.horn(i) for i in range(self.count))
+        head = self._body.head(self._seen, self._late())
+        return Motion(self._until, self.horn(self.count), tendons, self.tension, *head)
+
+    def horn(self, motor: int) -> HornMotion:
+        return self._tendon_motion(motor, self._late()) if motor < self.count else self._drive_motion()
+
+    @property
+    def pretension(self) -> float:
+        """The common shortening of the cables since first contact, by the motors' goals, as in the twin [m].
+
+        A goal is what a motor holding its position would have been told for the tension that there is.
+        """
+        state, now = self._now, self._where.now
+        wound = state[now.horn] + state[now.tension] / self.spec.tendons.servo_stiffness.value
+        ends = self._tendons[self._where.tendons.cable_end] - wound
+        return self._body.first_end - float(ends.mean())
+
+    @property
+    def tension(self) -> tuple[float, ...]:
+        """The tension of every tendon [N], at the last tick."""
+        return tuple(self._seen[i] for i in self._where.now.tension)
+
+    @property
+    def state(self) -> Any:
+        """The state of the equations of motion, as numbers, at the last tick: `Tilting`, or `SpaceState`."""
+        where = self._where.now.motion
+        return jax.tree.map(lambda w: np.array(self._seen)[w] if np.ndim(w) else self._seen[w], where)
+
+    def _late(self) -> float:
+        """Return how long ago the last tick was [s]."""
+        return self._until - self._counted_from - self._ticks * TICK_S
+
+    def _reach_present(self) -> None:
+        """Move on to the present, by less than a tick, and count ticks from here."""
+        if (late := self._late()) > _INSTANT_S:
+            self._go(1, late)
+            self._ticks, self._counted_from = 0, self._until
+
+    def _go(self, ticks: int, tick_s: float = TICK_S) -> None:
+        out = self._after(ticks, tick_s)
+        self._now = out[: self._now.size].copy()
+        self._seen = out.tolist()
+
+    def _after(self, ticks: int, tick_s: float) -> Array:
+        """Return the numbers after some ticks of a length [s] under the present laws."""
+        where, steps = self._where, self._body.steps
+        self._drive[where.steps], self._drive[where.step_s] = ticks * steps, tick_s / steps
+        return self._body.move_on(self._now, self._tendons, self._drive)
+
+    def _anchor(self, tendon: int) -> None:
+        """Let a motor's position loop start from where its horn is, under the tension there is."""
+        state, now, order = self._now, self._where.now, self._where.tendons
+        if self._laws[tendon].kind in ("position", "velocity"):
+            give = state[now.tension[tendon]] * self._tendons[order.compliance[tendon]]
+            state[now.wound[tendon]] = state[now.horn[tendon]] + give
+        else:
+            state[now.wound[tendon]] = self._tendons[order.goal[tendon]]
+
+    def _order_all(self) -> None:
+        for tendon in range(self.count):
+            self._order_tendon(tendon)
+        self._order_drive()
+
+    def _order_tendon(self, tendon: int) -> None:
+        law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
+        servo = SERVOS[self.spec.wiring.tendon_model]
+        share = servo.supply_share(self._supply)
+        stall = max(1e-9, servo.stall_torque * share / radius)
+        fastest = servo.no_load_speed * share * radius
+        speed_limit = min(_FAR, law.speed_limit * radius)
+        orders: dict[str, float] = {
+            "goal": _FAR, "speed": 0.0, "compliance": 0.0, "limit": stall * law.duty_limit, "duty": law.duty_limit,
+            "stall": stall, "fastest": fastest, "wind_cap": _FAR, "may_wind": 1.0, "may_pay": 1.0, "follows": 0.0,
+        }  # fmt: skip
+        limit = min(stall * law.duty_limit, law.current_limit / self._newton)
+        if law.kind == "position":
+            gain = max(law.gain, 1e-9)
+            orders |= {"goal": law.goal * radius, "speed": min(speed_limit, fastest * law.duty_limit), "limit": limit}
+            orders["compliance"] = self._servo_gain / gain / self.spec.tendons.servo_stiffness.value
+        elif law.kind == "velocity":
+            orders |= {"goal": math.copysign(_FAR, law.goal), "limit": limit, "follows": 1.0}
+            orders["speed"] = min(abs(law.goal) * radius, fastest * law.duty_limit)
+        elif law.kind == "off":
+            orders |= {"limit": GEAR_HOLD / radius, "duty": 1.0, "may_wind": 0.0}
+        else:
+            if law.kind == "current":
+                pull = max(-limit, min(limit, law.goal / self._newton))
+            else:
+                pull = stall * max(-law.duty_limit, min(law.duty_limit, law.goal))
+                orders["duty"] = min(law.duty_limit, abs(law.goal))
+            orders |= {"goal": math.copysign(_FAR, pull), "limit": max(0.0, pull), "wind_cap": speed_limit}
+            orders["may_wind"] = float(pull > 0)
+        if held:
+            orders |= {"may_wind": 0.0, "may_pay": 0.0}
+        for name, value in orders.items():
+            self._tendons[getattr(self._where.tendons, name)[tendon]] = value
+
+    def _order_drive(self) -> None:
+        law, p = self._laws[self.count], self._p
+        share = self._supply / self.spec.drive.supply_voltage.value
+        constant = float(p.torque_constant)
+        duty_torque = float(p.duty_torque) * share
+        orders: dict[str, float] = dict.fromkeys(self._where.drive._fields, 0.0)
+        orders |= {
+            "push": self._push,
+            "duty_limit": law.duty_limit,
+            "on": float(law.kind != "off"),
+            "duty_torque": duty_torque,
+        }
+        orders["torque_limit"] = min(1e9, constant * law.current_limit)
+        if law.kind == "position":
+            orders |= {"goal": law.goal, "gain": law.gain}
+            limited = math.isfinite(law.speed_limit)
+            orders |= {"speed": law.speed_limit if limited else 0.0, "jump": 0.0 if limited else _AT_ONCE}
+        elif law.kind == "velocity":
+            feed = float(p.speed_slope) * law.goal / max(1e-9, duty_torque)
+            orders |= {"speed_gain": law.gain, "feed": feed + law.gain * law.goal}
+        elif law.kind == "pwm":
+            orders["feed"] = law.goal
+        elif law.kind == "current":
+            orders |= {"by_torque": 1.0, "torque": constant * max(-law.current_limit, min(law.current_limit, law.goal))}
+        for name, value in orders.items():
+            self._drive[getattr(self._where.drive, name)] = value
+
+    def _drive_motion(self) -> HornMotion:
+        late, p = self._late(), self._p
+        seen = (self._after(1, late) if late > _INSTANT_S else self._after(0, TICK_S)).tolist()
+        torque, speed = seen[self._where.seen.torque], seen[self._body.lever_rate]
+        duty = 0.0
+        if self._laws[self.count].kind != "off":
+            full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
+            duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
+        return HornMotion(seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
+
+    def _tendon_motion(self, tendon: int, late: float) -> HornMotion:
+        seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]
+        horn, speed = seen[now.horn[tendon]], seen[now.horn_speed[tendon]]
+        pull = self._stuck_pull(tendon) if self._stuck[tendon] else seen[now.tension[tendon]]
+        if law.kind == "off":
+            pull = duty = 0.0
+        else:
+            duty = pull / float(self._tendons[order.stall[tendon]])
+            duty += speed / max(1e-9, float(self._tendons[order.fastest[tendon]]))
+        angle = (horn + late * speed) / self._radius
+        return HornMotion(angle, speed / self._radius, pull * self._newton, max(-1.0, min(1.0, duty)))
+
+    def _stuck_pull(self, tendon: int) -> float:
+        """Return what a motor whose pulley is jammed pulls with [N], whatever the cable carries."""
+        state, now, order, law = self._now, self._where.now, self._where.tendons, self._laws[tendon]
+        limit = float(self._tendons[order.limit[tendon]])
+        if law.kind == "position":
+            lag = float(state[now.wound[tendon]] - state[now.horn[tendon]])
+            return max(-limit, min(limit, lag / float(self._tendons[order.compliance[tendon]])))
+        if law.kind == "velocity":
+            return limit * ((law.goal > 0) - (law.goal < 0))
+        return limit
 
 
 # The devices meet the mechanics: one plant, moved on only when somebody looks or pushes.
@@ -182,133 +466,3 @@ class Horn:
         if law != self.law:
             self._mechanics.catch_up().set_law(self.index, law)
             self.law, self.law_since = law, self._mechanics.time
-
-
-# Motors that turn with nothing attached: a plant for trying the bus, in closed form and at no cost.
-
-
-RESPONSE_S = 0.02
-"""Time constant with which the speed of an unloaded motor follows what its law asks for [s]; assumed."""
-
-
-@dataclass(slots=True)
-class _FreeHorn:
-    """A motor: where it was [rad], how fast [rad/s] and at what time `since` [s], and what it has done since."""
-
-    no_load_speed: float
-    law: Law = field(default_factory=Law)
-    since: float = 0.0
-    angle: float = 0.0
-    speed: float = 0.0
-    supply: float = 1.0
-    stuck: bool = False
-
-    def at(self, time: float) -> tuple[float, float]:
-        """Return (angle, speed) at a time, nothing having changed since."""
-        return self._path()(time - self.since)
-
-    def change(self, time: float) -> None:
-        """Start anew from what there is at a time."""
-        self.angle, self.speed = self.at(time)
-        self.since = time
-
-    def _path(self) -> Callable[[float], tuple[float, float]]:
-        law, fastest = self.law, self.no_load_speed * self.supply
-        if self.stuck:
-            return lambda _: (self.angle, 0.0)
-        if law.kind == "position":
-            return self._approach(law.goal, min(law.speed_limit, fastest * law.duty_limit))
-        aims = {
-            "off": 0.0,
-            "pwm": fastest * max(-law.duty_limit, min(law.duty_limit, law.goal)),
-            "velocity": max(-fastest * law.duty_limit, min(fastest * law.duty_limit, law.goal)),
-            "current": math.copysign(min(law.speed_limit, fastest * law.duty_limit), law.goal) if law.goal else 0.0,
-        }
-        return self._spin(aims[law.kind])
-
-    def _spin(self, aim: float) -> Callable[[float], tuple[float, float]]:
-        """Return the path of a speed that follows an aim to first order."""
-
-        def path(elapsed: float) -> tuple[float, float]:
-            rest = (self.speed - aim) * math.exp(-elapsed / RESPONSE_S)
-            return self.angle + aim * elapsed + (self.speed - aim - rest) * RESPONSE_S, aim + rest
-
-        return path
-
-    def _approach(self, goal: float, limit: float) -> Callable[[float], tuple[float, float]]:
-        """Return the path to a goal: at the limit of speed, then exponentially where that is slower."""
-        way = goal - self.angle
-        if limit <= 0:
-            return lambda _: (self.angle, 0.0)
-        near = limit * RESPONSE_S
-        straight = max(0.0, (abs(way) - near) / limit)
-
-        def path(elapsed: float) -> tuple[float, float]:
-            if elapsed < straight:
-                return self.angle + math.copysign(limit * elapsed, way), math.copysign(limit, way)
-            left = math.copysign(min(abs(way), near), way) * math.exp(-(elapsed - straight) / RESPONSE_S)
-            return goal - left, left / RESPONSE_S
-
-        return path
-
-
-class Unloaded:
-    """Motors with nothing attached, and an upright head that rests; see `Plant`.
-
-    count: of tendon motors; the drive comes after them. spec: the rig, for no-load speeds and the supply.
-
-    A goal position is approached at the speed limit, or at the duty's share of the no-load speed, and reached
-    exponentially within `RESPONSE_S`; any other law brings the motor to a speed: off to rest, a current of either sign
-    to the no-load speed. Nothing draws current, because nothing resists. `slip` and
-    `push` change nothing.
-    """
-
-    def __init__(self, count: int, spec: RigSpec) -> None:
-        drive, servo = spec.drive, SERVOS[spec.wiring.tendon_model]
-        self._time = 0.0
-        self._voltages = [servo.nominal_voltage] * count + [drive.nominal_voltage.value]
-        speeds = [servo.no_load_speed] * count + [drive.no_load_speed.value]
-        self._horns = [_FreeHorn(speed) for speed in speeds]
-        self.set_supply(drive.supply_voltage.value)
-
-    def set_law(self, motor: int, law: Law) -> None:
-        horn = self._horns[motor]
-        horn.change(self._time)
-        horn.law = law
-
-    def set_supply(self, voltage: float) -> None:
-        for horn, nominal in zip(self._horns, self._voltages, strict=True):
-            horn.change(self._time)
-            horn.supply = voltage / nominal
-
-    def stick(self, tendon: int, stuck: bool) -> None:
-        horn = self._horns[tendon]
-        horn.change(self._time)
-        horn.stuck = stuck
-
-    def slip(self, tendon: int, length: float) -> None:
-        pass
-
-    def push(self, torque: float) -> None:
-        pass
-
-    def place_lever(self, angle: float) -> None:
-        horn = self._horns[-1]
-        horn.change(self._time)
-        horn.angle, horn.speed = angle, 0.0
-
-    def advance(self, until: float) -> None:
-        self._time = max(self._time, until)
-
-    def motion(self) -> Motion:
-        *tendons, drive = (self.horn(motor) for motor in range(len(self._horns)))
-        return Motion(
-            self._time, drive, tuple(tendons), (0.0,) * len(tendons), acceleration=(STANDARD_GRAVITY, 0.0, 0.0)
-        )
-
-    def horn(self, motor: int) -> HornMotion:
-        horn = self._horns[motor]
-        angle, speed = horn.at(self._time)
-        full = horn.no_load_speed * horn.supply
-        duty = 0.0 if horn.law.kind == "off" or full <= 0 else max(-1.0, min(1.0, speed / full))
-        return HornMotion(angle, speed, 0.0, duty)

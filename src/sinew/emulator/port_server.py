@@ -1,9 +1,10 @@
-"""An emulated bench on a pseudo-terminal, or a socket, in real time.
+"""An emulated bench on a pseudo-terminal, in real time.
 
-To whom it shares its clock with, time passes as `sinew.hardware.shared_clock` says; to all others by itself.
+To whom it shares its clock with, time passes as `sinew.hardware.ports` says; to all others by itself.
 """
 
 import contextlib
+import errno
 import fcntl
 import math
 import os
@@ -17,14 +18,13 @@ import tempfile
 import termios
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from sinew.emulator.faults import FaultyRig
+from sinew.emulator.bench import EmulatedRig
 from sinew.hardware.bus import Clock
-from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
-from sinew.measure.errors import FileError, PortError, SpecError
+from sinew.hardware.ports import ANSWER, ASK, DO, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
+from sinew.measure.errors import FileError, PortError
 
 
 def refuse_taken(link: Path) -> None:
@@ -42,30 +42,13 @@ def refuse_taken(link: Path) -> None:
 
 def _is_left(link: Path) -> bool:
     """Return whether a link leads to a socket at which nobody listens any more."""
-    if not link.is_socket():
-        return False
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking, contextlib.suppress(OSError):
         asking.settimeout(_ASKS_S)
-        try:
-            asking.connect(str(link.resolve()))
-        except ConnectionRefusedError:
-            return True
-        except OSError:
-            pass
+        return link.is_socket() and asking.connect_ex(str(link.resolve())) == errno.ECONNREFUSED
     return False
 
 
 _ASKS_S = 1.0
-
-
-def make_link(link: Path, terminal: str) -> None:
-    """Make a link, or turn a stale one over, in one stroke. Raises OSError."""
-    if link.is_symlink():
-        fresh = link.with_name(f".{link.name}.{os.getpid()}")
-        fresh.symlink_to(terminal)
-        fresh.replace(link)
-    else:
-        link.symlink_to(terminal)
 
 
 class _Named(ABC):
@@ -81,8 +64,13 @@ class _Named(ABC):
         refuse_taken(link)
 
     def _make_link(self) -> None:
+        """Make the link, or turn a stale one over, in one stroke."""
         try:
-            make_link(self.link, self.terminal)
+            is_stale = self.link.is_symlink()
+            fresh = self.link.with_name(f".{self.link.name}.{os.getpid()}") if is_stale else self.link
+            fresh.symlink_to(self.terminal)  # nothing that came there meanwhile is replaced
+            if is_stale:
+                fresh.replace(self.link)
         except OSError as trouble:
             self._close_ends()
             raise FileError(
@@ -100,16 +88,32 @@ class _Named(ABC):
     def _close_ends(self) -> None: ...
 
 
-class _Listener(_Named):
-    """A listening socket with a link to it, and one master at most. Raises PortError where the system gives none."""
+# The emulated bench's end of the clock that it shares with its master; see `sinew.hardware.ports`.
 
-    def __init__(self, link: Path, name: str) -> None:
-        super().__init__(link)
+
+class Ask(NamedTuple):
+    """What the master says: WROTE, WAIT, READ or DO; its time [s]; until when [s], or which act; what it writes."""
+
+    what: int
+    now: float
+    until: float
+    data: bytes
+
+
+class ClockSocket(_Named):
+    """A listening socket beside the port, with a link to it. One master is served; another is turned away.
+
+    port: name of the port. Raises PortError where the system gives no socket.
+    """
+
+    def __init__(self, port: Path) -> None:
+        super().__init__(port.with_name(port.name + SUFFIX))
         self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))  # paths of sockets are short, and nobody else's
-        self.terminal = str(self._folder / name)
+        self.terminal = str(self._folder / "clock")
         self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._master: socket.socket | None = None
         self._ready = selectors.DefaultSelector()
+        self._heard = b""
         try:
             self._listening.bind(self.terminal)
             self._listening.listen(4)
@@ -124,69 +128,6 @@ class _Listener(_Named):
         """Return the descriptor that is readable when a master has come, said something or left."""
         return self._ready.fileno()
 
-    def _accept(self) -> bool:
-        """Return whether a master has come that is served now; turn it away while another is served."""
-        try:
-            newcomer, _ = self._listening.accept()
-        except OSError:
-            return False
-        if self._master is not None:
-            newcomer.close()
-            return False
-        newcomer.setblocking(False)
-        self._master = newcomer
-        self._ready.register(newcomer, selectors.EVENT_READ)
-        return True
-
-    def _receive(self, most: int) -> bytes:
-        """Return what the master has sent and nobody has read; b"" where there is nothing, or it has left."""
-        if self._master is None:
-            return b""
-        try:
-            data = self._master.recv(most)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._part()
-        return data
-
-    def _part(self) -> None:
-        if self._master is not None:
-            self._ready.unregister(self._master)
-            self._master.close()
-            self._master = None
-
-    def _close_ends(self) -> None:
-        self._part()
-        self._ready.close()
-        self._listening.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-
-# The emulated bench's end of the clock that it shares with its master; see `sinew.hardware.shared_clock`.
-
-
-class Ask(NamedTuple):
-    """What the master says: WROTE, WAIT or READ; its time [s], until when [s], how many bytes it has written so far."""
-
-    what: int
-    now: float
-    until: float
-    written: int
-
-
-class ClockSocket(_Listener):
-    """A listening socket beside the port, with a link to it. One master is served; another is turned away.
-
-    port: name of the port.
-    """
-
-    def __init__(self, port: Path) -> None:
-        super().__init__(port.with_name(port.name + SUFFIX), "clock")
-        self._heard = b""
-
     @property
     def is_taken(self) -> bool:
         """Whether a master shares the clock."""
@@ -196,22 +137,43 @@ class ClockSocket(_Listener):
         """Return whether there is something to look at; waits for it at most so long [s]."""
         return bool(self._ready.select(seconds))
 
-    def greet(self, now: float, terminal: str) -> bool:
-        """Take a master that has come and tell it the time [s] and the terminal; return whether there is a new one."""
-        if not self._accept():
-            return False
+    def greet(self, now: float, terminal: str) -> None:
+        """Take a master that has come and tell it the time [s] and the terminal; turn it away while one is served."""
+        try:
+            newcomer, _ = self._listening.accept()
+        except OSError:
+            return
+        if self._master is not None:
+            newcomer.close()
+            return
+        newcomer.setblocking(False)
+        self._master = newcomer
+        self._ready.register(newcomer, selectors.EVENT_READ)
         self._heard = b""
         name = terminal.encode()
         self._send(HELLO.pack(now, len(name)) + name)
-        return True
 
     def ask(self) -> Ask | None:
         """Return what the master says next, None where it says nothing or has left."""
-        self._heard += self._receive(ASK.size - len(self._heard))
-        if self._master is None or len(self._heard) < ASK.size:
+        whole = ASK.size if len(self._heard) < ASK.size else ASK.size + ASK.unpack(self._heard[: ASK.size])[-1]
+        while self._master is not None and len(self._heard) < whole:
+            try:
+                data = self._master.recv(min(whole - len(self._heard), _AT_ONCE))
+            except BlockingIOError:
+                return None
+            except OSError:
+                data = b""
+            if not data:
+                self._part()
+                return None
+            self._heard += data
+            if len(self._heard) == ASK.size:
+                whole += ASK.unpack(self._heard)[-1]
+        if self._master is None:
             return None
         heard, self._heard = self._heard, b""
-        return Ask(*ASK.unpack(heard))
+        what, now, until, _ = ASK.unpack(heard[: ASK.size])
+        return Ask(what, now, until, heard[ASK.size :])
 
     def has_ended(self) -> bool:
         """Return whether the master is gone, or has hung up behind what it still said."""
@@ -224,9 +186,9 @@ class ClockSocket(_Listener):
         except OSError:
             return True
 
-    def answer(self, now: float, sent: int) -> None:
-        """Tell the master the time [s] and how many bytes were sent so far."""
-        self._send(ANSWER.pack(now, sent))
+    def answer(self, now: float, data: bytes) -> None:
+        """Tell the master the time [s] and what has come for it."""
+        self._send(ANSWER.pack(now, len(data)) + data)
 
     def _send(self, data: bytes) -> None:
         try:
@@ -235,43 +197,17 @@ class ClockSocket(_Listener):
         except OSError:
             self._part()
 
+    def _part(self) -> None:
+        if self._master is not None:
+            self._ready.unregister(self._master)
+            self._master.close()
+            self._master = None
 
-# What a person would do at a real bench is asked of the emulated one by a word: plug a motor in, turn the lever.
-
-HANDS = ".hands"
-"""What the socket of the hands is called behind the name of the port."""
-
-
-class HandsSocket(_Listener):
-    """A listening socket beside the port, with a link to it. One line asks for an act, one answers: done, or why not.
-
-    port: name of the port. do: carries an act out, or raises SpecError.
-    """
-
-    def __init__(self, port: Path, do: Callable[[str], None]) -> None:
-        super().__init__(port.with_name(port.name + HANDS), "hands")
-        self._do = do
-        self._heard = b""
-
-    def serve(self) -> None:
-        """Do what was asked since the last call."""
-        if not self._ready.select(0):
-            return
-        if self._accept():
-            self._heard = b""
-        self._heard += self._receive(_AT_ONCE)[:_LONGEST_ACT]
-        while b"\n" in self._heard and self._master is not None:
-            line, _, self._heard = self._heard.partition(b"\n")
-            try:
-                self._do(line.decode(errors="replace"))
-                answer = "done"
-            except SpecError as refusal:
-                answer = str(refusal)
-            with contextlib.suppress(OSError):
-                self._master.sendall(answer.encode() + b"\n")
-
-
-_LONGEST_ACT = 256
+    def _close_ends(self) -> None:
+        self._part()
+        self._ready.close()
+        self._listening.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
 
 # A pseudo-terminal stands in for a serial port: a master opens its path like any other port.
@@ -333,67 +269,10 @@ class PtyPort(_Named):
         """
         fcntl.ioctl(self._theirs, termios.TIOCNXCL)
 
-    def forget(self) -> None:
-        """Drop what was sent and no master has read."""
-        termios.tcflush(self._theirs, termios.TCIFLUSH)
-
     def _close_ends(self) -> None:
         os.close(self._ours)
         os.close(self._theirs)
 
-
-# A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
-#
-# Other programs than Sinew's cannot open it; for them there is `PtyPort`. One master is served at a
-# time: it hears a plus sign first, the next one is turned away.
-
-
-class SocketPort(_Listener):
-    """A listening socket with a link to it.
-
-    link: name of the port. host_baud: rate that a master's adapter is taken to have [1/s], for none is told.
-    """
-
-    def __init__(self, link: Path, host_baud: int) -> None:
-        super().__init__(link, "port")
-        self._baud = host_baud
-
-    def baud(self) -> int:
-        """Return the rate that a master is taken to have set [1/s]; 0 where there is none."""
-        return self._baud if self._master is not None else 0
-
-    def read(self) -> bytes:
-        """Return what the master has sent and nobody has read; b"" where there is nothing."""
-        if self._accept():
-            self._greet()
-        return self._receive(_AT_ONCE)
-
-    def write(self, data: bytes) -> int:
-        """Send bytes to the master; return how many the system took, all of them where there is no master."""
-        if self._master is None:
-            return len(data)
-        try:
-            return self._master.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._part()
-            return len(data)
-
-    def release(self) -> None:
-        """Do nothing: a master that has left holds nothing."""
-
-    def forget(self) -> None:
-        """Do nothing: every master has a connection of its own."""
-
-    def _greet(self) -> None:
-        assert self._master is not None
-        with contextlib.suppress(OSError):
-            self._master.send(b"+")
-
-
-Port = PtyPort | SocketPort
-"""What a master opens."""
 
 _TICK = 1e-3
 """How long it sleeps at most [s]; in between the plant moves on, so that no answer has to wait for much of it."""
@@ -416,34 +295,18 @@ _LEAST_STEP = 1e-5
 
 
 class PtyServer:
-    """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped. Its times are emulated.
+    """Serves a bench on a pseudo-terminal until it is stopped. Its times are emulated.
 
-    link: name of the port. speed: emulated seconds in a second of `clock`. make_port: makes the port of that name.
-    shared: the clock that it shares with a master that wants to; None: with nobody. hands: who does at the bench what
-    is asked of a person; None: nobody.
-    slipped: by how much the emulated time was held up [s], because the
-    computer did not keep pace. lost: bytes that no master read in time.
-    Raises FileError, PortError like `PtyPort`.
+    link: name of the port. shared: the clock that it shares with a master that wants to; None: with nobody. slipped: by
+    how much the emulated time was held up [s], because the computer did not keep pace. lost: bytes that no master read
+    in time. Raises FileError, PortError like `PtyPort`.
     """
 
-    def __init__(
-        self,
-        rig: FaultyRig,
-        link: Path,
-        *,
-        clock: Clock,
-        speed: float = 1.0,
-        make_port: Callable[[Path], Port] = PtyPort,
-        shared: ClockSocket | None = None,
-        hands: HandsSocket | None = None,
-    ) -> None:
-        self._hands = hands
-        self._rig, self._clock, self._speed = rig, clock, speed
-        self.link, self._make_port = link, make_port
-        self._port: Port | None = make_port(link)
+    def __init__(self, rig: EmulatedRig, link: Path, *, clock: Clock, shared: ClockSocket | None = None) -> None:
+        self._rig, self._clock = rig, clock
+        self.link = link
+        self._port: PtyPort | None = PtyPort(link)
         self._shared, self._is_shared, self._silent = shared, False, 0.0
-        self._written = self._sent = 0
-        self._inbox = bytearray()  # of what was announced, or will be
         self._reached = rig.time
         self.restart_time()
         self._heard = -math.inf
@@ -454,22 +317,17 @@ class PtyServer:
         self.lost = 0
 
     @property
-    def is_open(self) -> bool:
-        """Whether there is a port that a master can open."""
-        return self._port is not None
-
-    @property
     def terminal(self) -> str | None:
         """The terminal that the link leads to; None while unplugged."""
         return self._port.terminal if self._port is not None else None
 
     def restart_time(self) -> None:
         """Take the present moment for where the emulated time stands: what came before was preparation."""
-        self._start = self._clock.now() - self._reached / self._speed
+        self._start = self._clock.now() - self._reached
 
     def clock_time(self, time: float) -> float:
         """Return what the clock showed, or will show, at an emulated time [s]; not where time was held up since."""
-        return self._start + time / self._speed
+        return self._start + time
 
     def stop(self) -> None:
         """Let `run` return soon; may be called from a signal handler or another thread."""
@@ -481,10 +339,16 @@ class PtyServer:
         while not self._stopping and self._reached < until:
             self.step()
 
+    def close(self) -> None:
+        """Hang up and remove the link; may be called again."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+        if self._shared is not None:
+            self._shared.close()
+
     def step(self) -> None:
         """Do what is due, then sleep until there is more to do or a master sends something."""
-        if self._hands is not None:
-            self._hands.serve()
         if self._shared is not None:
             if ask := self._shared.ask():
                 self._obey(ask, self._shared)
@@ -492,50 +356,53 @@ class PtyServer:
             if self._is_shared and self._shared.is_taken:
                 self._await_master(self._shared)
                 return
-            if self._is_shared and self._port is not None:
-                self._port.read()  # the master has ended: so has what it left on the port
             self._is_shared = False
         now = self._go_on()
-        if self._rig.unplugged == self.is_open:
-            self._change_plug()
         if self._port is None:
             self._clock.wait_until(self._clock.now() + _TICK)
             return
-        self._send(self._port, now)
-        soonest = min(self._rig.next_event(), self._held_until, now + _TICK * self._speed)
-        if soonest - now > _SPARE * self._speed:
+        if self._has_news(now):
+            del self._outbox[: self._port.write(bytes(self._outbox))]
+            self._held_until = now + _TICK if self._outbox else math.inf
+        soonest = min(self._rig.next_event(), self._held_until, now + _TICK)
+        if soonest - now > _SPARE:
             self._rig.catch_up()
-        if self._wait(self._port, (soonest - self._now()) / self._speed):
-            if self._shared is not None:
-                self._greet(self._shared, self._port)
-                if self._shared.is_taken:
-                    return  # what it says comes before what it writes
+        ends: list[PtyPort | ClockSocket] = [self._port, *([] if self._shared is None else [self._shared])]
+        if select.select(ends, [], [], max(0.0, soonest - self._now()))[0]:
             self._take(self._port)
-        elif now - self._heard > _QUIET * self._speed:
+            if self._shared is not None and self._shared.wait(0.0):
+                self._greet(self._shared, self._port)
+        elif now - self._heard > _QUIET:
             self._port.release()
             self._heard = now
 
-    def close(self) -> None:
-        """Hang up and remove the link; may be called again."""
-        self._unplug()
-        for other in (self._shared, self._hands):
-            if other is not None:
-                other.close()
+    # ---- the clock is the computer's: bytes go through the port
 
-    def _unplug(self) -> None:
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+    def _take(self, port: PtyPort) -> None:
+        """Take what masters have written, and work out soon enough what follows, so that each answer is there when its
+        time comes. On a half-duplex line nobody speaks meanwhile; who does all the same is heard after that."""
+        data = port.read()
+        self._heard = self._go_on()
+        self._receive(data, self._reached)
+        while self._reached <= (due := self._rig.line.due) <= self._heard + _AHEAD:
+            self._advance(due)
 
-    def _greet(self, shared: ClockSocket, port: Port) -> None:
-        """Share the clock from now on with who has come; what others have left on the port is not for it."""
-        if not shared.is_taken and shared.wait(0.0):
-            self._take(port)
-            port.forget()
+    def _go_on(self) -> float:
+        """Let the time pass that has passed; return it [s]."""
+        behind = self._now() - self._reached - _LARGEST_STEP
+        if behind > 0:
+            self._hold_up(behind)
+        now = self._now()
+        self._advance(max(now, self._reached))
+        return now
+
+    # ---- the clock is shared: all goes through its socket
+
+    def _greet(self, shared: ClockSocket, port: PtyPort) -> None:
+        """Share the clock from now on with who has come; what others were told is not for it."""
+        if not shared.is_taken:
             self._outbox.clear()
             self._held_until = math.inf
-            self._inbox.clear()
-            self._written = self._sent = 0
             self._is_shared, self._silent = True, 0.0
         shared.greet(self._reached, port.terminal)
 
@@ -545,7 +412,8 @@ class PtyServer:
         Looks are counted and not seconds: where this program is paused, so may be the master.
         """
         if shared.wait(_TICK):
-            shared.greet(self._reached, "")  # which turns away who has come as well
+            if not shared.has_ended():
+                shared.greet(self._reached, "")  # which turns away who has come as well
             return
         self._rig.catch_up()
         if shared.wait(_LOOK):
@@ -558,19 +426,41 @@ class PtyServer:
     def _obey(self, ask: Ask, shared: ClockSocket) -> None:
         """Do what a master asks that shares the clock."""
         self._is_shared, self._silent = True, 0.0
-        now = self._advance(max(self._reached, ask.now))
+        now = max(self._reached, ask.now)
+        self._advance(now)
         if ask.what == WROTE:
-            self._receive(ask, now)
+            self._receive(ask.data, now)
             return
-        if self._port is not None:
-            self._inbox += self._port.read()  # which turns away other masters that have come to a socket
-        until = max(now, ask.until)
+        if ask.what == DO:
+            self._rig.do(round(ask.until))
+        until = now if ask.what == DO else max(now, ask.until)
         while now < until and not (ask.what == READ and self._has_news(now)):
             due = min(self._rig.next_event(), self._held_until) if ask.what == READ else until
-            now = self._advance(self._await(min(until, max(due, now + _LEAST_STEP))))
+            now = min(until, max(due, now + _LEAST_STEP))
+            self._await(now)
+            self._advance(now)
         self._gather(now)
-        self._deliver()
-        shared.answer(now, self._sent)
+        shared.answer(now, bytes(self._outbox))
+        self._outbox.clear()
+        self._held_until = math.inf
+
+    def _await(self, time: float) -> None:
+        """Wait until the clock shows an emulated time [s]; what it is behind by more than a little is held up."""
+        behind = self._now() - time
+        if behind > _LARGEST_STEP:
+            self._hold_up(behind - _LARGEST_STEP)
+        elif behind < 0:
+            if -behind > _SPARE:
+                self._rig.catch_up()
+            self._clock.wait_until(self.clock_time(time))
+
+    # ---- either way
+
+    def _receive(self, data: bytes, now: float) -> None:
+        """Put bytes on the line at the rate that the master has set on the port, if it has one open."""
+        if self._port is not None and (baud := self._port.baud()):
+            self._rig.line.host_baud = baud
+            self._rig.receive(data, now)
 
     def _has_news(self, now: float) -> bool:
         """Return whether there is something for the master, and nothing to come that soon goes with it."""
@@ -580,111 +470,27 @@ class PtyServer:
     def _gather(self, now: float) -> None:
         fresh = self._rig.transmit(now)
         if fresh:
-            self._outbox += fresh
-            self._held_until = min(self._held_until, now + _TOGETHER * self._speed)
+            room = max(0, _BACKLOG - len(self._outbox))
+            self._outbox += fresh[:room]
+            self.lost += len(fresh[room:])
+            self._held_until = min(self._held_until, now + _TOGETHER)
 
-    def _deliver(self) -> None:
-        """Send what there is, and count it."""
-        if self._outbox and self._port is not None:
-            took = self._port.write(bytes(self._outbox))
-            self._sent += took
-            self.lost += len(self._outbox) - took
-        self._outbox.clear()
-        self._held_until = math.inf
-
-    def _receive(self, ask: Ask, now: float) -> None:
-        """Take the bytes that the master has announced, however long the port takes to pass them on."""
-        count, looks = ask.written - self._written, 0
-        self._written = ask.written
-        while self._port is not None and len(self._inbox) < count and looks < PATIENCE_S / _LOOK:
-            self._inbox += self._port.read()
-            if len(self._inbox) < count:
-                if self._shared is None or self._shared.has_ended():
-                    break
-                looks += not self._wait(self._port, _LOOK)
-        data = bytes(self._inbox[:count])
-        del self._inbox[:count]
-        if self._port is not None and (baud := self._port.baud()):
-            self._rig.line.host_baud = baud
-            self._rig.receive(data, now)
-
-    def _advance(self, now: float) -> float:
-        """Let time pass up to a moment [s], and return it."""
+    def _advance(self, now: float) -> None:
+        """Let time pass up to a moment [s]; the port goes and comes with its plug."""
         self._reached = now
         self._rig.advance(now)
-        if self._rig.unplugged == self.is_open:
-            self._change_plug()
-        return now
-
-    def _await(self, time: float) -> float:
-        """Return an emulated time [s], but not before the clock shows it."""
-        behind = self._now() - time
-        if behind > _LARGEST_STEP:
-            self._hold_up(behind - _LARGEST_STEP)
-        elif behind < 0:
-            if -behind > _SPARE * self._speed:
-                self._rig.catch_up()
-            self._clock.wait_until(self.clock_time(time))
-        return time
+        if self._rig.unplugged and self._port is not None:
+            self._outbox.clear()
+            self._port.close()
+            self._port = None
+        elif not self._rig.unplugged and self._port is None:
+            self._outbox.clear()
+            self._port = PtyPort(self.link)
 
     def _hold_up(self, seconds: float) -> None:
-        """Let so much of the clock's time pass without the emulated time [s, emulated]."""
+        """Let so much of the clock's time pass without the emulated time [s]."""
         self.slipped += seconds
-        self._start += seconds / self._speed
-
-    def _go_on(self) -> float:
-        """Let the time pass that has passed; return it [s]."""
-        now = self._now()
-        behind = now - self._reached - _LARGEST_STEP
-        if behind > 0:
-            self._hold_up(behind)
-            now -= behind
-        self._reached = max(now, self._reached)
-        self._rig.advance(self._reached)
-        return now
+        self._start += seconds
 
     def _now(self) -> float:
-        return (self._clock.now() - self._start) * self._speed
-
-    def _change_plug(self) -> None:
-        self._outbox.clear()
-        if self._port is None:
-            self._port = self._make_port(self.link)
-        else:
-            self._unplug()
-
-    def _send(self, port: Port, now: float) -> None:
-        """Send what has reached the master, except that bytes wait a little for others that come soon."""
-        fresh = self._rig.transmit(now)
-        if fresh:
-            room = _BACKLOG - len(self._outbox)
-            self._outbox += fresh[: max(0, room)]
-            self.lost += max(0, len(fresh) - room)
-            self._held_until = min(self._held_until, now + _TOGETHER * self._speed)
-        if self._outbox and (now >= self._held_until or self._rig.next_event() > self._held_until):
-            del self._outbox[: port.write(bytes(self._outbox))]
-            self._held_until = now + _TICK * self._speed if self._outbox else math.inf
-
-    def _wait(self, port: Port, seconds: float) -> bool:
-        ends: list[Port | ClockSocket] = [port]
-        if self._shared is not None and not self._is_shared:
-            ends.append(self._shared)
-        return bool(select.select(ends, [], [], max(0.0, seconds))[0])
-
-    def _take(self, port: Port) -> None:
-        data = port.read()
-        self._heard = self._go_on()
-        baud = port.baud()
-        if baud:
-            self._rig.line.host_baud = baud
-            self._rig.receive(data, self._reached)
-            self._answer_ahead(self._heard + _AHEAD * self._speed)
-
-    def _answer_ahead(self, until: float) -> None:
-        """Work out by `until` [s] what follows from what was heard, so that each answer is there when its time comes.
-
-        On a half-duplex line nobody speaks meanwhile; who does all the same is heard after what was worked out.
-        """
-        while self._reached <= (due := self._rig.line.due) <= until:
-            self._reached = due
-            self._rig.advance(due)
+        return self._clock.now() - self._start

@@ -1,4 +1,4 @@
-"""Figures 9 and 10: a driven oscillation, its free decay, the envelope fitted to it, and its phase portrait."""
+"""Figures 9 and 10: a driven oscillation, its free decay with the fitted envelope, and damping over pretension."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,8 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from sinew.analysis.decay.free_decay import find_peaks, large_peaks
+from sinew.analysis.decay.free_decay import find_peaks
+from sinew.analysis.decay.paper_method import large_peaks
 from sinew.figures.motion import Group, Motion, at_pretension, groups_of, nearest, released_motion
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
 from sinew.measure.arrays import Array, mean_and_spread

@@ -1,46 +1,299 @@
-"""Page of a fitted model, the figure of what its fit leaves, and the corner plot of its parameters."""
+"""Figures of a fitted model and its page: data and curves, what the fit leaves, its numbers together, steady states."""
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from sinew.figures.fit_data import (
-    Trace,
-    axis_label,
-    draw_backbone,
-    draw_fit,
-    draw_over_pretension,
-    draw_response_fit,
-    parameter_label,
-    shown_unit,
-    traces_of,
-    traces_of_joint,
-    value_and_std,
-)
-from sinew.figures.page import Caption, Table, number, pictures, write_page
-from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
+from sinew.figures.page import Caption, Table, pictures, result_tables, write_page
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
 from sinew.identify.identified import Identified, joint_names
 from sinew.identify.joint.fit import JointFit
-from sinew.identify.oscillator.backbone import Backbone, fit_backbone
-from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers, swing_of
-from sinew.identify.oscillator.model import free_mechanics
-from sinew.identify.oscillator.record import derivative_order
-from sinew.identify.oscillator.start import dominant_omega
-from sinew.measure.arrays import Array
-from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, NORMAL_95, shown, span, typeset
+from sinew.identify.oscillator.comparison import HeldOut, Split
+from sinew.identify.oscillator.model import Fit, free_mechanics, number_names, physical_numbers
+from sinew.identify.oscillator.record import Record, dominant_omega
+from sinew.identify.stepped.fit import ResponseFit, response_curve
+from sinew.measure.arrays import Array, Mask, wrapped_lag
+from sinew.measure.estimate import NORMAL_90, NORMAL_95, pair, span, typeset
+from sinew.measure.units import named_unit
 from sinew.mechanics.laws import NUMBERS
 
-# ---- corner plot of what is known of several parameters together: each alone, and each pair
+# What a fit found gets the words and units that a figure shows.
+
+_SHOWN: dict[str, tuple[float, str]] = {
+    "rad": (180 / math.pi, "degrees"),
+    "rad/s": (180 / math.pi, "degrees/s"),
+    "rad/s2": (180 / math.pi, "degrees/s²"),
+    "m": (1e3, "mm"),
+    "m/s2": (1.0, "m/s²"),
+    "N*m": (1.0, "N m"),
+    "1": (1.0, ""),
+}
+_WORDS = {name: number.word for name, number in NUMBERS.items() if number.absent}
+_POWERS = {1: "", 2: "²", 3: "³", 4: "⁴", 6: "⁶"}
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return what a number in an SI unit is multiplied by for a figure, and the unit that is written there."""
+    return _SHOWN.get(unit, (1.0, unit.replace("*", " ").replace("2", "²").replace("3", "³")))
+
+
+def axis_label(quantity: str, unit: str) -> str:
+    """Return the label of an axis for a quantity that is held in an SI unit: "output in degrees"."""
+    shown = shown_unit(unit)[1]
+    return f"{quantity} in {shown}" if shown else quantity
+
+
+def parameter_label(name: str) -> tuple[str, str]:
+    """Return words and unit of a parameter from its name: "stiffness_n_m_per_rad" gives ("stiffness", "N m/rad")."""
+    stem, bracket, place = name.partition("[")
+    words, *parts = named_unit(stem)
+    top, bottom = ([f"{symbol}{_POWERS[power]}" for symbol, power in part] for part in parts)
+    said = _WORDS.get(words[0], " ".join(words)) + (f" {place[:-1]}" if bracket else "")
+    if not bottom:
+        return said, " ".join(top)
+    under = f"({' '.join(bottom)})" if len(bottom) > 1 else bottom[0]
+    return said, f"{' '.join(top) or '1'}/{under}"
+
+
+# A fit is laid out for drawing: measured and fitted output of each stretch, and what was held out.
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One stretch of an experiment and what a fit makes of it.
+
+    time_s, measured, fitted: shape (n,), the latter two in `unit`. held: which samples were held out, shape (n,).
+    unit: of the output, SI. title: its condition, empty where there is one stretch only.
+    """
+
+    time_s: Array
+    measured: Array
+    fitted: Array
+    held: Mask
+    unit: str
+    title: str = ""
+
+    @property
+    def residual(self) -> Array:
+        """Return measured less fitted, shape (n,)."""
+        return self.measured - self.fitted
+
+
+def traces_of(fit: Fit, split: Split | None = None, held_out: HeldOut | None = None) -> list[Trace]:
+    """Return the stretches of a fit, in order of time.
+
+    split, held_out: of a fit to one record, what was held out and how it was predicted. Where blocks were held out to
+    compare models and then fitted too, they count as held out, and the prediction is that of the fit without them.
+    """
+    many = len(fit.records) > 1
+    found = [
+        Trace(record.time_s, record.output, fitted, ~kept, record.output_unit, _title(record) if many else "")
+        for record, fitted, kept in zip(fit.records, fit.predicted, fit.kept, strict=True)
+    ]
+    if split is None or held_out is None:
+        return found
+    if split.interleaved:
+        without = held_out.fit.predicted[0]
+        return [replace(found[0], fitted=np.where(split.tested, without, found[0].fitted), held=split.tested)]
+    if split.apart is not None:
+        apart = split.apart
+        every = np.ones(apart.size, dtype=bool)
+        found.insert(0, Trace(apart.time_s, apart.output, apart.output - held_out.residual, every, apart.output_unit))
+    return sorted(found, key=lambda trace: float(trace.time_s[0]))
+
+
+def _title(record: Record) -> str:
+    """Return the group of a record and, where the group does not tell it, how fast it swings."""
+    if record.group.endswith("Hz"):
+        return record.group
+    leading = record if record.input is None else replace(record, output=record.input)
+    return f"{record.group}, {dominant_omega(leading) / (2 * np.pi):.2f} Hz".removeprefix(", ")
+
+
+def traces_of_joint(joint: JointFit) -> list[Trace]:
+    """Return the segments of a fit of the tendon joint, without the samples at their ends that were not fitted."""
+    found = []
+    for one in joint.segments:
+        kept, hertz = one.kept, one.swing.frequency_hz
+        title = f"{one.swing.pretension_mm:g} mm" + (f", {hertz:.3g} Hz" if np.isfinite(hertz) else "")
+        held = np.zeros(int(kept.sum()), dtype=bool)
+        found.append(Trace(one.time_s[kept], one.measured[kept], one.predicted[kept], held, "rad/s", title))
+    return found
+
+
+_CLOSE_PERIODS = 5.0
+_SHADE = "#f3e3c3"
+_SEGMENTS = 12
+
+
+@in_style
+def draw_fit(traces: Sequence[Trace], frequency_hz: float, output: str = "output") -> Figure:
+    """Return the figure of measured and fitted output.
+
+    traces: one stretch, or a held-out one beside it: the whole above and two close-ups below, one of the largest motion
+        and one of the held-out part, or of where the fit leaves most. Several segments: one small panel for each.
+    frequency_hz: whose periods the close-ups are counted in. output: what the axis calls it.
+    """
+    if any(trace.title for trace in traces):
+        return _draw_many(traces, frequency_hz, output)
+    figure = new_figure(4.6)
+    grid = figure.add_gridspec(2, 2)
+    whole = figure.add_subplot(grid[0, :])
+    zero = float(traces[0].time_s[0])
+    for trace in traces:
+        _draw(whole, trace, slice(None), zero, dense=True)
+    whole.set(xlabel="time in s", ylabel=axis_label(output, traces[0].unit))
+    ends = [float(trace.time_s[k]) - zero for trace in traces for k in (0, -1)]
+    whole.set_xlim(min(ends), max(ends))
+    low, high = whole.get_ylim()
+    whole.set_ylim(low, high + 0.14 * (high - low))  # room for the letters of the close-ups
+    note_panel(whole, "a", "the whole record")
+    second = "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
+    titles = ("largest motion", second)
+    for k, ((which, where), title) in enumerate(zip(_windows(traces, frequency_hz), titles, strict=True)):
+        axes = figure.add_subplot(grid[1, k])
+        trace = traces[which]
+        _draw(axes, trace, where, zero, dense=False)
+        axes.set(xlabel="time in s", ylabel=axis_label(output, trace.unit))
+        axes.set_xlim(trace.time_s[where][0] - zero, trace.time_s[where][-1] - zero)
+        note_panel(axes, "bc"[k], title)
+        _mark(whole, trace, where, zero, "bc"[k])
+    _legend(figure, "outside lower center")
+    return figure
+
+
+def _draw(axes: Axes, trace: Trace, where: slice, zero: float, *, dense: bool) -> None:
+    t, factor = trace.time_s[where] - zero, shown_unit(trace.unit)[0]
+    measured, fitted = factor * trace.measured[where], factor * trace.fitted[where]
+    for begin, end in _stretches(trace.held):
+        first, last = trace.time_s[begin] - zero, trace.time_s[end - 1] - zero
+        if last >= t[0] and first <= t[-1]:
+            axes.axvspan(max(first, t[0]), min(last, t[-1]), color=_SHADE, linewidth=0, label="held out")
+    if dense:
+        axes.plot(t, measured, color=GREY, linewidth=1.8, label="measured")
+    else:
+        axes.plot(t, measured, "o", color=GREY, markersize=2.2, label="measured")
+    axes.plot(t, fitted, color=ACCENT, linewidth=0.8 if dense else 1.1, label="fitted")
+    axes.plot(t, measured - fitted, color=RED, linewidth=0.8, label="measured less fitted")
+    axes.margins(x=0)
+
+
+def _stretches(held: Mask) -> list[tuple[int, int]]:
+    """Return begin and end (not included) of each run of samples that were held out."""
+    steps = np.diff(np.concatenate([[False], held, [False]]).astype(int))
+    return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))
+
+
+def _is_held_at_the_end(traces: Sequence[Trace]) -> bool:
+    return any(len(_stretches(trace.held)) == 1 for trace in traces)
+
+
+def _windows(traces: Sequence[Trace], frequency_hz: float) -> list[tuple[int, slice]]:
+    """Return trace and samples of the two close-ups."""
+    longest = max(range(len(traces)), key=lambda i: traces[i].time_s.size - int(traces[i].held.sum()))
+    trace = traces[longest]
+    size = _samples(trace, frequency_hz)
+    first = _around(int(np.argmax(np.abs(trace.measured - np.median(trace.measured)))), size, trace.time_s.size)
+    if _is_held_at_the_end(traces):
+        apart = next(i for i, one in enumerate(traces) if len(_stretches(one.held)) == 1)
+        begin, end = _stretches(traces[apart].held)[0]
+        return [(longest, first), (apart, slice(begin, min(end, begin + size)))]
+    power = np.convolve(trace.residual**2, np.ones(size) / size, mode="same")
+    power[max(0, first.start - size // 2) : first.stop + size // 2] = 0.0
+    return [(longest, first), (longest, _around(int(np.argmax(power)), size, trace.time_s.size))]
+
+
+def _samples(trace: Trace, frequency_hz: float) -> int:
+    step = float(np.median(np.diff(trace.time_s)))
+    return int(np.clip(round(_CLOSE_PERIODS / frequency_hz / step), 12, trace.time_s.size))
+
+
+def _around(middle: int, size: int, count: int) -> slice:
+    begin = int(np.clip(middle - size // 2, 0, max(0, count - size)))
+    return slice(begin, min(count, begin + size))
+
+
+def _mark(axes: Axes, trace: Trace, where: slice, zero: float, letter: str) -> None:
+    """Mark above the whole record where a close-up is taken from."""
+    left, right = (float(trace.time_s[where][k]) - zero for k in (0, -1))
+    above = axes.get_xaxis_transform()
+    axes.plot(
+        [left, right], [1.0, 1.0], color=INK, linewidth=2.2, transform=above, clip_on=False, solid_capstyle="butt"
+    )
+    axes.annotate(letter, (0.5 * (left + right), 1.0), (0, -3), above, "offset points", ha="center", va="top")
+
+
+def _legend(figure: Figure, where: Literal["outside lower center", "outside upper center"]) -> None:
+    found: dict[str, Artist] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(str(label), handle)
+    order = ("measured", "fitted", "measured less fitted", "held out")
+    entries = {name: found[name] for name in order if name in found}
+    figure.legend(list(entries.values()), list(entries), loc=where, ncols=len(entries))
+
+
+def _draw_many(traces: Sequence[Trace], frequency_hz: float, output: str) -> Figure:
+    """Return small panels of several segments, at most twelve, of each its last periods (of a decay its first)."""
+    shown = [traces[i] for i in few(len(traces), _SEGMENTS)]
+    columns = min(4, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = new_figure(1.0 + 1.35 * rows)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+    for k, (axes, trace) in enumerate(zip(grid, shown, strict=False)):
+        size = min(trace.time_s.size, 2 * _samples(trace, frequency_hz))
+        half = trace.time_s.size // 2
+        fades = np.ptp(trace.measured[half:]) < 0.5 * np.ptp(trace.measured[:half])
+        where = slice(0, size) if fades else slice(trace.time_s.size - size, trace.time_s.size)
+        _draw(axes, trace, where, float(trace.time_s[0]), dense=False)
+        axes.set_title(trace.title)
+        if k % columns == 0:
+            axes.set_ylabel(axis_label(output, trace.unit))
+    for axes in grid[len(shown) :]:
+        axes.axis("off")
+    figure.supxlabel("time from the start of the segment in s", fontsize=8.5)
+    _legend(figure, "outside upper center")
+    return figure
+
+
+# A stepped sine is drawn beside its fit: gain and lag over frequency.
+
+_COLOURS = (ACCENT, RED, GREEN, INK, GREY)
+
+
+@in_style
+def draw_response_fit(fit: ResponseFit) -> Figure:
+    """Return the figure of measured steady states, one marker a level, and the fitted curves through their folds."""
+    figure = new_figure(3.0)
+    left, right = figure.subplots(1, 2)
+    unit = fit.points[0].output_unit
+    factor = shown_unit(unit)[0]
+    for part, points in enumerate(fit.points):
+        colour, marker = _COLOURS[part % len(_COLOURS)], MARKERS[part % len(MARKERS)]
+        frequency, response = response_curve(fit, part)
+        drive, level = points.input_amplitude, float(np.median(points.input_amplitude))
+        left.plot(frequency, factor * level * np.abs(response), color=colour)
+        look = {"color": colour, "marker": marker, "linestyle": "none", "markerfacecolor": "none"}
+        label = points.group.replace("*", " ") or "measured"
+        left.plot(points.frequency_hz, factor * drive * np.abs(points.response), label=label, **look)
+        right.plot(frequency, np.degrees(wrapped_lag(response)), color=colour)
+        right.plot(points.frequency_hz, np.degrees(wrapped_lag(points.response)), **look)
+    left.set(xlabel="frequency in Hz", ylabel=axis_label("amplitude", unit))
+    left.set_ylim(bottom=0)
+    right.set(xlabel="frequency in Hz", ylabel="lag in degrees")
+    note_panel(left, "a", "steady states and fit")
+    note_panel(right, "b", "lag behind the input")
+    left.legend(loc="best")
+    return figure
 
 
 # The parameters of a fit become a cloud: values, covariance and, where there are any, draws.
@@ -51,7 +304,7 @@ class Cloud:
     """What is known of several parameters together.
 
     names: as in the document, m of them. value: shape (m,). covariance: shape (m, m). draws: shape (d, m), of a
-    posterior or a bootstrap, or None. All in the units that the names state.
+    posterior, or None. All in the units that the names state.
     """
 
     names: tuple[str, ...]
@@ -61,17 +314,14 @@ class Cloud:
 
     @property
     def std(self) -> Array:
-        """Return the standard deviations: of the draws, else by the covariance, shape (m,)."""
-        if self.draws is not None:
-            return np.asarray(self.draws.std(axis=0), dtype=float)
+        """Return the standard deviations, shape (m,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), dtype=float)
 
     @property
     def correlation(self) -> Array:
-        """Return the correlations: of the draws, else by the covariance, shape (m, m)."""
-        matrix = self.covariance if self.draws is None else np.atleast_2d(np.cov(self.draws.T))
-        std = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), 1e-300)
-        return np.asarray(np.clip(matrix / np.outer(std, std), -1.0, 1.0), dtype=float)
+        """Return the correlations, shape (m, m)."""
+        std = np.maximum(self.std, 1e-300)
+        return np.asarray(np.clip(self.covariance / np.outer(std, std), -1.0, 1.0), dtype=float)
 
     def take(self, kept: Sequence[int]) -> "Cloud":
         """Return some of the parameters. kept: indices, in the order that is wanted."""
@@ -82,12 +332,12 @@ class Cloud:
     def drawn(self, names: Sequence[str], draws: ArrayLike) -> "Cloud":
         """Return the same parameters by draws, shape (d, n), of numbers of these names; those drawn in no way left out.
 
-        The value becomes the median of the draws.
+        The value becomes the median of the draws, the covariance theirs.
         """
-        found = np.asarray(draws, dtype=float)
-        mine = [i for i, name in enumerate(self.names) if name in names]
-        chosen = found[:, [list(names).index(self.names[i]) for i in mine]]
-        return replace(self.take(mine), value=np.median(chosen, axis=0), draws=chosen)
+        found, names = np.asarray(draws, dtype=float), list(names)
+        mine = tuple(name for name in self.names if name in names)
+        chosen = found[:, [names.index(name) for name in mine]]
+        return Cloud(mine, np.median(chosen, axis=0), np.atleast_2d(np.cov(chosen.T)), chosen)
 
 
 def cloud_of(fit: Fit) -> Cloud:
@@ -112,7 +362,6 @@ def cloud_of(fit: Fit) -> Cloud:
     return Cloud(tuple(names), value, matrix).take(told)
 
 
-_SHARES = (0.5, 0.9)
 _REACH = 3.2  # standard deviations on the axes
 _MOST = 6
 _BINS = 34
@@ -124,9 +373,8 @@ def draw_corner(cloud: Cloud) -> Figure | None:
     """Return the corner plot of a cloud, or None where fewer than two parameters are known.
 
     On the diagonal the distribution of each parameter, below it the regions that hold 50 % and 90 % of each pair, above
-    it the correlations. Axes count standard deviations from the value in the title. Draws make histograms and regions
-    of highest density, a covariance makes normal distributions and ellipses. Of more than six parameters the first six
-    are drawn.
+    it the correlations. Axes count standard deviations from the value in the title. Draws make histograms and points
+    beside the ellipses of the covariance. Of more than six parameters the first six are drawn.
     """
     cloud = cloud.take(range(min(len(cloud.names), _MOST)))
     m = len(cloud.names)
@@ -174,18 +422,12 @@ def _words(name: str) -> str:
     return textwrap.fill(parameter_label(name.rpartition(".")[2])[0], _LINE)
 
 
-def _off(cloud: Cloud, k: int) -> Array:
-    """Return the draws of one parameter in standard deviations from its value, shape (d,)."""
-    assert cloud.draws is not None
-    return np.asarray((cloud.draws[:, k] - cloud.value[k]) / cloud.std[k])
-
-
 def _draw_alone(axes: Axes, cloud: Cloud, k: int) -> None:
-    words, unit = _words(cloud.names[k]), parameter_label(cloud.names[k])[1]
-    value, spread = value_and_std(float(cloud.value[k]), float(cloud.std[k])).split(" ± ")
-    axes.set_title(f"{words}\n{value} {unit}".rstrip() + f"\n± {spread}", loc="center", fontsize=8.0)
+    unit = parameter_label(cloud.names[k])[1]
+    value, spread = typeset(pair(float(cloud.value[k]), float(cloud.std[k]))).split(" ± ")
+    axes.set_title(f"{_words(cloud.names[k])}\n{value} {unit}".rstrip() + f"\n± {spread}", loc="center", fontsize=8.0)
     if cloud.draws is not None:
-        off = _off(cloud, k)
+        off = (cloud.draws[:, k] - cloud.value[k]) / cloud.std[k]
         axes.hist(off, bins=_BINS, range=(-_REACH, _REACH), color=ACCENT, alpha=0.45)
         ends = np.quantile(off, [0.05, 0.95])
     else:
@@ -200,20 +442,11 @@ def _draw_alone(axes: Axes, cloud: Cloud, k: int) -> None:
 
 
 def _draw_pair(axes: Axes, cloud: Cloud, x: int, y: int) -> None:
-    if cloud.draws is None:
-        pair = cloud.correlation[np.ix_([x, y], [x, y])]
-        for share, alpha in zip(_SHARES[::-1], (0.22, 0.45), strict=True):
-            axes.fill(*ellipse(pair, share), color=ACCENT, alpha=alpha, linewidth=0)
-    else:
-        right, up = _off(cloud, x), _off(cloud, y)
-        density, edges, _ = np.histogram2d(right, up, bins=_BINS, range=[[-_REACH, _REACH]] * 2)
-        smooth = _smoothed(density)
-        levels = sorted({_level(smooth, share) for share in _SHARES})
+    for share, alpha in ((0.9, 0.22), (0.5, 0.45)):
+        axes.fill(*ellipse(cloud.correlation[np.ix_([x, y], [x, y])], share), color=ACCENT, alpha=alpha, linewidth=0)
+    if cloud.draws is not None:
+        right, up = ((cloud.draws[:, [x, y]] - cloud.value[[x, y]]) / cloud.std[[x, y]]).T
         axes.plot(right, up, ".", color=GREY, markersize=1.0, alpha=0.35, rasterized=True)
-        if smooth.max() > levels[-1]:
-            middle = 0.5 * (edges[1:] + edges[:-1])
-            shades = [to_rgba(ACCENT, alpha) for alpha in (0.3, 0.55)[-len(levels) :]]
-            axes.contourf(middle, middle, smooth.T, levels=[*levels, float(smooth.max())], colors=shades)
     axes.plot(0, 0, "+", color=INK, markersize=6)
 
 
@@ -228,26 +461,7 @@ def ellipse(covariance: Array, share: float) -> Array:
     return np.asarray(turned @ (np.sqrt(np.maximum(size, 0.0))[:, None] * circle))
 
 
-def _smoothed(density: Array) -> Array:
-    """Return a histogram smoothed by a short bell along both axes, so that its outlines do not fray."""
-    bell = np.exp(-0.5 * (np.arange(-4, 5) / 1.3) ** 2)
-    bell /= bell.sum()
-    for axis in (0, 1):
-        density = np.apply_along_axis(lambda row: np.convolve(row, bell, mode="same"), axis, density)
-    return density
-
-
-def _level(density: Array, share: float) -> float:
-    """Return the density above which a share of all lies."""
-    falling = np.sort(density.ravel())[::-1]
-    inside = np.searchsorted(np.cumsum(falling), share * falling.sum())
-    return float(falling[min(int(inside), falling.size - 1)])
-
-
-# Each figure of an identification gets its words.
-
-# ---- the page, and what the fit leaves
-
+# Each figure of an identification gets its words, and the page its tables.
 
 FIT_CAPTIONS = {
     "fit_data": Caption(
@@ -272,43 +486,20 @@ FIT_CAPTIONS = {
         "combination of the two better than either. Axes count standard deviations from the value in the title.",
         "A triangle of panels: distributions of the parameters on the diagonal, regions of pairs below it.",
     ),
-    "backbone": Caption(
-        "Backbone",
-        "Damped frequency and damping ratio of the free swing against its amplitude, with pointwise 90 % bands. Blue: "
-        "the fitted model's. Green, where the record is a free decay: from the decay itself, without a model of the "
-        "joint. A curve that leaves the other's band speaks against the model.",
-        "Frequency and damping ratio over amplitude, each a line with a band.",
-    ),
     "response": Caption(
         "Steady states and fit",
         "(a) Amplitude of the output at each frequency, one colour a level of the drive: markers as measured, lines "
-        "the fitted model's, through their folds where there are any; dashed the backbone, on which the motion lags "
-        "the drive's force by 90°. (b) Lag of the output behind the input.",
-        "Two panels over frequency: amplitude with points, curves and backbone, and lag.",
-    ),
-    "pretension": Caption(
-        "Frequency and damping over pretension",
-        "Natural frequency and damping ratio of the fitted joint at each pretension of the recording, at the amplitude "
-        "it swung with; bars are 90 % intervals.",
-        "Natural frequency and damping ratio over pretension with bars.",
+        "the fitted model's, through their folds where there are any. (b) Lag of the output behind the input.",
+        "Two panels over frequency: amplitude with points and curves, and lag.",
     ),
 }
 """By the name of the figure's files, in the order of the page."""
 
 
-_HEAD = ["quantity", "unit", "value ± std", "90 % interval"]
-_NOTES = {
-    "posterior": "From the draws: median, standard deviation, and the 5 % and 95 % quantiles.",
-    "bootstrap": "From refitting draws of whole repeats: what changes from one repeat to the next is in these.",
-    "profile": "It ends where the smallest sum of squares, all other numbers fitted anew, has risen by the 90 % limit.",
-}
-
-
 def write_fit_page(
     folder: Path,
-    document: Mapping[str, Any],
+    found: Identified,
     *,
-    sentences: Sequence[str],
     figures: Sequence[Path] = (),
     about: str = "",
     rebuild: str = "",
@@ -316,58 +507,29 @@ def write_fit_page(
 ) -> Path:
     """Write fit.html into a folder, atomically, and return its path.
 
-    document: of `sinew identify`, see the reference of its JSON. sentences: the first is the verdict. figures: the PNGs
-    among them are put into the page. about: what was fitted, a sentence. rebuild: the command that makes all of this
-    again. origins: (name, value) of what it was made from.
+    figures: the PNGs among them are put into the page. about: what was fitted, a sentence. rebuild: the command that
+    makes all of this again. origins: (name, value) of what it was made from.
     Raises FileError where the folder cannot be written.
     """
+    tables = result_tables(found)
+    if found.posterior is not None:
+        rows = [
+            [" ".join(parameter_label(name)), typeset(one.shown()), typeset(span(one.low, one.high))]
+            for name, one in found.posterior.items()
+        ]
+        tables.append(Table("Posterior", ["quantity", "median ± std", "5 % to 95 % of the draws"], rows, ""))
     return write_page(
         folder / "fit.html",
-        "fit.html",
+        "prediction.html",
         title="Identification",
         about=about,
-        verdict=_sentence(sentences[0]) if sentences else "",
-        converged=bool(document["converged"]),
-        tables=_tables(document),
-        compared=document["compared"],
-        rmse=document["rmse"],
-        unit=document["unit"],
-        sentences=[_sentence(one) for one in sentences[1:]],
-        unidentifiable=[_sentence(one) for one in document["unidentifiable"]],
+        lead=" ".join(one if one.endswith(".") else f"{one}." for one in found.blocks() if isinstance(one, str)),
+        tables=tables,
         pictures=pictures(figures, FIT_CAPTIONS),
+        validity=[],
         rebuild=rebuild,
         origins=list(origins),
     )
-
-
-def _tables(document: Mapping[str, Any]) -> list[Table]:
-    whole = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")} | dict(document["parameters"])
-    note = "Standard deviations and intervals hold for residuals as coloured as they are."
-    tables = [Table(f"Model {document['model']}", _HEAD, _rows(whole), note)]
-    for key, text in _NOTES.items():
-        rows = document.get(key)
-        if rows:
-            found = {name: one for name, one in rows.items() if isinstance(one, Mapping) and "interval90" in one}
-            if found:
-                tables.append(Table(key.capitalize(), _HEAD, _rows(found), text))
-    for peak in document.get("peaks", ()):
-        rows = _rows({name: one for name, one in peak.items() if name != "input_amplitude"})
-        tables.append(Table(f"Peak at a drive of {number(peak['input_amplitude'], 3)}", _HEAD, rows, ""))
-    return tables
-
-
-def _rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
-    rows = []
-    for name, one in quantities.items():
-        words, unit = parameter_label(name)
-        rows.append([words, unit, typeset(shown(one)), typeset(span(*(one["interval90"] or (None, None))))])
-    return rows
-
-
-def _sentence(text: str) -> str:
-    """Return a sentence as print has it, from one that begins small and ends without a full stop."""
-    whole = text[:1].upper() + text[1:]
-    return whole if whole.endswith((".", "?", "!")) else f"{whole}."
 
 
 # What a fit leaves: over time, its spectrum, and over the inputs.
@@ -509,31 +671,18 @@ def draw_identified(found: Identified) -> dict[str, Figure]:
 
 
 def _fit_figures(found: Identified, fit: Fit) -> dict[str, Figure | None]:
-    record = fit.records[0]
     frequency = fit.natural_frequency_hz.value
     if not math.isfinite(frequency):
-        frequency = dominant_omega(record) / (2 * math.pi)
+        frequency = dominant_omega(fit.records[0]) / (2 * math.pi)
     traces = traces_of(fit, found.split, found.held_out)
     cloud = cloud_of(fit)
-    if found.posterior is not None:
-        cloud = cloud.drawn(found.posterior.names, found.posterior.draws)
+    if found.draws is not None:
+        cloud = cloud.drawn(found.draws.names, found.draws.draws)
     return {
         "fit_data": draw_fit(traces, frequency),
         "residuals": draw_residuals(traces, frequency),
         "corner": draw_corner(cloud),
-        "backbone": draw_backbone(swing_of(fit), _decay(fit), record.motion_unit),
     }
-
-
-def _decay(fit: Fit) -> Backbone | None:
-    """Return the backbone of the first free decay without a model, or None where the record is none."""
-    record = fit.records[0]
-    if record.input is not None or derivative_order(record.output_unit):
-        return None
-    try:
-        return fit_backbone(record.time_s, record.output)
-    except RecordingError:
-        return None
 
 
 def _joint_figures(joint: JointFit) -> dict[str, Figure | None]:
@@ -543,10 +692,8 @@ def _joint_figures(joint: JointFit) -> dict[str, Figure | None]:
     value = np.array([one.value for one in joint.parameters.values()])
     cloud = Cloud(joint_names(joint), value, joint.covariance.matrix[:count, :count])
     kept = [k for k in range(count) if np.isfinite(cloud.covariance[k, k]) and cloud.covariance[k, k] > 0]
-    pretension = draw_over_pretension(joint) if len(joint.pretension_mm) > 1 else None
     return {
         "fit_data": draw_fit(traces, first, "rate"),
         "residuals": draw_residuals(traces, first),
         "corner": draw_corner(cloud.take(kept)),
-        "pretension": pretension,
     }

@@ -1,4 +1,4 @@
-"""Motion in a recording as pictures show it: stretches over time, Lissajous curves, phase portraits."""
+"""Motion in a recording as pictures show it: stretches over time, and Lissajous curves."""
 
 import functools
 from collections.abc import Iterable
@@ -12,24 +12,21 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sinew.analysis.signal.attitude import integrate_rate, steady_motion
-from sinew.analysis.signal.signals import delay_budget, drive_channel, response_channel, torsion_delay
-from sinew.analysis.sweep.portrait import Ellipse, fit_ellipse, phase_portrait
+from sinew.analysis.signal.signals import drive_channel, read_signals, response_channel, torsion_delay
+from sinew.analysis.sweep.response import Ellipse, fit_ellipse
 from sinew.figures.style import (
     ACCENT,
     GREY,
     INK,
-    WIDTH_IN,
     few,
     frequency_colours,
     frequency_map,
     in_style,
     new_figure,
     note_panel,
-    pretension_colours,
 )
 from sinew.measure.arrays import Array
-from sinew.measure.recording import Segment, iterate_segments
-from sinew.measure.schema import SegmentKind
+from sinew.measure.recording import Segment, SegmentKind, iterate_segments
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 
@@ -65,14 +62,13 @@ class Motion:
     """What a picture shows of a stretch of samples.
 
     time_s: (n,) from the start of the record [s], negative before it.
-    torsion, rate: (n,) in `unit` and per second; degrees where the response is an angle.
+    torsion: (n,) in `unit`; degrees where the response is an angle.
     drive: (n,) in degrees or its own unit, None where none was recorded.
     is_integral: the torsion was integrated from its rate, so that its rest position means nothing.
     """
 
     time_s: Array
     torsion: Array
-    rate: Array
     drive: Array | None
     unit: str
     is_integral: bool = False
@@ -117,7 +113,7 @@ def motion_of(recording: xr.Dataset, group: Group) -> Motion:
     if "drive" in motion:
         drive = motion["drive"].values * _in_degrees(str(motion["drive"].attrs["units"]))[0]
     time = motion["time_s"].values - recording["time_s"].values[group.record.start]
-    return Motion(time, factor * motion["torsion"].values, factor * motion["rate"].values, drive, unit)
+    return Motion(time, factor * motion["torsion"].values, drive, unit)
 
 
 def _steady(recording: xr.Dataset, group: Group) -> xr.Dataset:
@@ -165,17 +161,13 @@ def released_motion(recording: xr.Dataset, group: Group, *, with_settle: bool = 
     time = alone["time_s"].values - recording["time_s"].values[group.record.start]
     channel, drive = response_channel(alone), drive_channel(alone)
     factor, unit = _in_degrees("rad" if channel.is_rate else channel.unit)
-    rate, torsion = channel.values, channel.values
+    torsion = channel.values
     if channel.is_rate:
-        rate = rate - _reading_at_rest(recording, group)
-        torsion = integrate_rate(time, rate)
+        torsion = integrate_rate(time, channel.values - _reading_at_rest(recording, group))
         # Shifted samples keep their stamps: the value that was true at t was read at t + delay.
-        late = _delay(recording, group)
-        torsion, rate = (np.interp(time + late, time, values) for values in (torsion, rate))
-    else:
-        rate = np.gradient(torsion, time)
+        torsion = np.interp(time + _delay(recording, group), time, torsion)
     driven = None if drive is None else drive.values * _in_degrees(drive.unit)[0]
-    return Motion(time, factor * torsion, factor * rate, driven, unit, channel.is_rate)
+    return Motion(time, factor * torsion, driven, unit, channel.is_rate)
 
 
 def _in_degrees(unit: str) -> tuple[float, str]:
@@ -195,7 +187,7 @@ def _delay(recording: xr.Dataset, group: Group) -> float:
     if rig is None or not np.isfinite(group.segment.frequency_hz):
         return 0.0
     record = recording.isel(sample=group.record, segment=[group.index])
-    budget = delay_budget(record, rig)
+    budget = read_signals(record, rig).budget
     return torsion_delay(budget, group.segment.frequency_hz) - budget.drive_delay_s
 
 
@@ -276,58 +268,3 @@ def _draw_key(figure: Figure, axes: Axes, frequencies: list[float]) -> None:
     for frequency in frequencies:
         bar.ax.axhline(frequency, color="white", linewidth=0.7)
     bar.outline.set_visible(False)
-
-
-# Motion is drawn over itself: torsion rate over torsion at resonance, for several pretensions.
-
-
-@in_style
-def draw_phase_portraits(recording: xr.Dataset, results: xr.Dataset, at_most: int = 4) -> Figure | None:
-    """Return phase portraits at the resonance of some pretensions, or None where the results hold no resonance.
-
-    The dashed ellipse is a harmonic oscillation of the same frequency and amplitude; what departs from it is
-    anharmonic (paper, section 5.2.3). Even harmonics bend the portrait to one side, the third squeezes it evenly.
-    """
-    groups = groups_of(recording, "steady")
-    if "resonance_hz" not in results or not groups:
-        return None
-    known = np.flatnonzero(np.isfinite(results["resonance_hz"].values))
-    if known.size == 0:
-        return None
-    chosen = known[few(known.size, at_most)]
-    pretension = results["pretension_mm"].values
-    colours = pretension_colours(pretension)
-    figure = new_figure(2.6, min(WIDTH_IN, 0.7 + 1.6 * chosen.size))
-    label = ""
-    row = figure.subplots(1, chosen.size, sharex=True, sharey=True, squeeze=False)[0]
-    for i, (axes, p) in enumerate(zip(row, chosen, strict=True)):
-        group = nearest(groups, pretension[p], float(results["resonance_hz"].values[p]))
-        assert group is not None
-        motion = motion_of(recording, group)
-        label = motion.label
-        _draw_portrait(axes, motion, group.segment.frequency_hz, tuple(colours[p]))
-        title = f"{pretension[p]:g} mm, {group.segment.frequency_hz:.3g} Hz"
-        note_panel(axes, "abcdefgh"[i], f"{title}\n{_shares(recording, group)}")
-    figure.supxlabel(label, fontsize=8.5)
-    row[0].set_ylabel("rate dφ/dt in degrees/s" if "degrees" in label else "rate per second")
-    return figure
-
-
-def _shares(recording: xr.Dataset, group: Group) -> str:
-    """Return what departs from the ellipse, to one side and to both, as a share of the fundamental."""
-    alone = recording.isel(sample=group.record, segment=[group.index])
-    portrait = phase_portrait(alone, 0, rig_of(recording))
-    even, third = 100 * portrait.even_share.value, 100 * portrait.third_share.value
-    return f"even {even:.1f} %, 3rd {third:.1f} %"
-
-
-def _draw_portrait(axes: Axes, motion: Motion, frequency_hz: float, colour: tuple[float, ...]) -> None:
-    """Draw one portrait and the harmonic ellipse of the same fundamental."""
-    omega = 2 * np.pi * frequency_hz
-    basis = np.column_stack([np.sin(omega * motion.time_s), np.cos(omega * motion.time_s), np.ones(motion.time_s.size)])
-    weights = np.linalg.lstsq(basis, motion.torsion, rcond=None)[0]
-    amplitude = float(np.hypot(weights[0], weights[1]))
-    t = np.linspace(0, 2 * np.pi, 121)
-    axes.plot(motion.torsion - weights[2], motion.rate, color=colour, linewidth=1.8)
-    axes.plot(amplitude * np.sin(t), omega * amplitude * np.cos(t), color=INK, linestyle=(0, (4, 3)), linewidth=0.8)
-    axes.margins(0.08)

@@ -2,7 +2,6 @@
 
 import base64
 import functools
-import hashlib
 import math
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,14 +15,15 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
-from sinew.analysis.run_index import QUANTITIES
-from sinew.analysis.run_trend import Trend
+from sinew.analysis.decay.paper_method import decay_windows, describe_windows
+from sinew.analysis.runs import QUANTITIES, Trend
 from sinew.analysis.signal.repeats import interval_rows
 from sinew.figures.style import MARKERS, in_style, new_figure, pretension_colours, save_figure
 from sinew.measure import estimate
-from sinew.measure.doors import write_text
-from sinew.measure.estimate import DIGITS, typeset
+from sinew.measure.estimate import DIGITS, Estimate, typeset
+from sinew.measure.result import Result
+from sinew.measure.result import Table as Shown
+from sinew.measure.validation import write_text
 from sinew.plan.rig import RigSpec
 
 if TYPE_CHECKING:
@@ -63,13 +63,6 @@ def write_page(path: Path, template: str, **context: Any) -> Path:
     return path
 
 
-def own_script(name: str) -> dict[str, Any]:
-    """Return a script among the templates, and its hash as a Content-Security-Policy names it: no other may run."""
-    text = (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
-    return {"script": text, "script_hash": f"sha256-{digest}"}
-
-
 def pictures(paths: Iterable[Path], captions: Mapping[str, Caption]) -> list[dict[str, Any]]:
     """Return name, caption and base64 text of the PNGs among some files, as the templates take them."""
     found = []
@@ -82,9 +75,28 @@ def pictures(paths: Iterable[Path], captions: Mapping[str, Caption]) -> list[dic
     return found
 
 
-# The energy of a sweep becomes columns and a sentence of the report.
+# What was measured at each pretension: columns of the report's tables, and a sentence below each.
 
-_COLUMNS = (
+MEANINGS = "What resonance means"
+
+Column = tuple[str, str, float]
+"""Head of a column, the quantity of the results in it, and the factor to its unit."""
+
+_MEANINGS: tuple[Column, ...] = (
+    ("mean of peaks (Eq. 6) in Hz", "paper_resonance_hz", 1.0),
+    ("fundamental in Hz", "resonance_hz", 1.0),
+    ("fundamental by measured drive in Hz", "resonance_measured_drive_hz", 1.0),
+    ("90° lag in Hz", "phase_90_hz", 1.0),
+)
+_DECAY: tuple[Column, ...] = (
+    ("λ in 1/s", "paper_decay_rate_per_s", 1.0),
+    ("⟨ω⟩ in rad/s", "paper_omega_rad_s", 1.0),
+    ("D (paper)", "paper_lehr_damping", 1.0),
+    ("D (direct fit)", "damping_ratio", 1.0),
+    ("d in N m s/rad", "paper_damping_n_m_s_rad", 1.0),
+    ("k in N m/rad", "paper_stiffness_n_m_rad", 1.0),
+)
+_ENERGY: tuple[Column, ...] = (
     ("drive in W", "drive_power_at_resonance_w", 1.0),
     ("copper in W", "copper_at_resonance_w", 1.0),
     ("gear and friction in W", "gear_at_resonance_w", 1.0),
@@ -131,8 +143,18 @@ class Table:
     note: str
 
 
-Column = tuple[str, str, float]
-"""Head of a column, the quantity of the results in it, and the factor to its unit."""
+def result_tables(found: Result, name: str = "") -> list[Table]:
+    """Return the tables of a result, as its text has them. name: of the result, where a page has several."""
+    tables = [one for one in found.blocks() if isinstance(one, Shown)]
+    return [
+        Table(
+            ": ".join(filter(None, (name, one.title))),
+            list(one.columns),
+            [[*map(typeset, row)] for row in one.rows],
+            "",
+        )
+        for one in tables
+    ]
 
 
 def number(value: float | None, digits: int = DIGITS) -> str:
@@ -151,9 +173,9 @@ def measured_tables(results: "xr.Dataset") -> list[Table]:
     notes = (str(results.attrs.get("resonance_notes", "")), _MEANT, _verdict(results), energy_note(results))
     parts = (
         ("Resonance", _resonance(results)),
-        ("What resonance means", _meanings()),
-        ("Ring-down", _decay()),
-        ("Energy", list(_COLUMNS)),
+        (MEANINGS, _MEANINGS),
+        ("Ring-down", _DECAY),
+        ("Energy", _ENERGY),
     )
     for (title, columns), note in zip(parts, notes, strict=True):
         known = [column for column in columns if column[1] in results and np.isfinite(results[column[1]]).any()]
@@ -163,37 +185,40 @@ def measured_tables(results: "xr.Dataset") -> list[Table]:
         rows = [
             [number(row["pretension_mm"]), *(_mean(row[name], factor) for _, name, factor in known)]
             for row in means
-            if any(row[name]["value"] is not None for _, name, _ in known)
+            if any(math.isfinite(row[name].value) for _, name, _ in known)
         ]
         tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows, note))
     return tables
 
 
-def _mean(one: Mapping[str, Any], factor: float) -> str:
+def _mean(one: Estimate, factor: float) -> str:
     """Return a mean as "value ± std", the standard deviation that of the mean, in a unit that is 1/factor as large."""
-    value, std = (None if one[key] is None else factor * one[key] for key in ("value", "std"))
-    return typeset(estimate.pair(value, std))
+    return typeset(one.times(factor).shown())
 
 
-def window_table(results: "xr.Dataset") -> Table | None:
-    """Return D over pretension by where the decay begins, a row for each start; None without planned ring-downs."""
+def window_table(results: "xr.Dataset", *, ends: bool = False) -> Table | None:
+    """Return D over pretension by where the decay begins, a row for each start; None without planned ring-downs.
+
+    ends: only of the first and the last pretension, for a terminal.
+    """
     windows = decay_windows(results)
     if not windows:
         return None
     pretensions = sorted({float(p) for window in windows for p in window.pretension_mm})
+    pretensions = pretensions[:: max(1, len(pretensions) - 1)] if ends else pretensions
     head = ["start in drive periods", *(f"D at {number(p)} mm" for p in pretensions)]
     rows = []
     for window in windows:
         at = dict(zip(window.pretension_mm.tolist(), window.damping, strict=True))
         cells = [typeset(at[p].shown_interval()) if p in at else "–" for p in pretensions]
-        rows.append([number(window.start_periods), *cells, *window_cells(window.to_json())])
-    return Table("Where the decay begins", [*head, *WINDOW_HEAD], rows, describe_windows(windows))
+        rows.append([number(window.start_periods), *cells, *_window_cells(window.to_json())])
+    return Table("Where the decay begins", [*head, *_WINDOW_HEAD], rows, describe_windows(windows))
 
 
-WINDOW_HEAD = ("spread in %", "change over the range in %", "trend")
+_WINDOW_HEAD = ("spread in %", "change over the range in %", "trend")
 
 
-def window_cells(window: Mapping[str, Any]) -> list[str]:
+def _window_cells(window: Mapping[str, Any]) -> list[str]:
     """Return spread, change over the range with its interval, and trend of a window of `DecayWindow.to_json`."""
     change = window["relative_change"]
     value, low, high = (None if x is None else 100 * x for x in (change["value"], *change["interval90"]))
@@ -208,16 +233,6 @@ _MEANT = (
 )
 
 
-def _meanings() -> list[Column]:
-    heads = {
-        "paper_resonance_hz": "mean of peaks (Eq. 6) in Hz",
-        "resonance_hz": "fundamental in Hz",
-        "resonance_measured_drive_hz": "fundamental by measured drive in Hz",
-        "phase_90_hz": "90° lag in Hz",
-    }
-    return [(head, name, 1.0) for name, head in heads.items()]
-
-
 def _verdict(results: "xr.Dataset") -> str:
     """Return how many of the decays are exponential, and what follows where some are not; empty without ring-downs."""
     if "exponential" not in results:
@@ -229,7 +244,7 @@ def _verdict(results: "xr.Dataset") -> str:
     return text + " Where a decay is not, its damping depends on the amplitude; λ, ⟨ω⟩, D, d and k are means over it."
 
 
-def _resonance(results: "xr.Dataset") -> list[Column]:
+def _resonance(results: "xr.Dataset") -> Sequence[Column]:
     if "resonance_hz" not in results:
         return []
     units = [str(results.attrs.get(name, "rad")) for name in ("response_unit", "drive_unit")]
@@ -241,17 +256,6 @@ def _resonance(results: "xr.Dataset") -> list[Column]:
         (f"gain by measured drive{per}", "gain_peak_measured_drive", 1.0),
         ("half-power width in Hz", "half_power_width_hz", 1.0),
         (f"drive in {drive}", "drive_amplitude_at_resonance_rad", scale),
-    ]
-
-
-def _decay() -> list[Column]:
-    return [
-        ("λ in 1/s", "paper_decay_rate_per_s", 1.0),
-        ("⟨ω⟩ in rad/s", "paper_omega_rad_s", 1.0),
-        ("D (paper)", "paper_lehr_damping", 1.0),
-        ("D (direct fit)", "damping_ratio", 1.0),
-        ("d in N m s/rad", "paper_damping_n_m_s_rad", 1.0),
-        ("k in N m/rad", "paper_stiffness_n_m_rad", 1.0),
     ]
 
 
@@ -275,55 +279,17 @@ def parameter_rows(rig: RigSpec) -> list[dict[str, str]]:
     ]
 
 
-@dataclass(frozen=True)
-class Reach:
-    """How far one parameter can move without leaving the paper's numbers.
-
-    value, alone, together, bounds: text with the unit; alone: the others held, together: the others following.
-    share: of the bounds that `together` covers, 0 to 1; bars: ends of alone and together and the place of the value
-    on a scale from 0 (lower bound) to 100 (upper bound).
-    """
-
-    name: str
-    value: str
-    alone: str
-    together: str
-    bounds: str
-    share: float
-    bars: dict[str, float]
-    sentence: str
-
-    @property
-    def is_determined(self) -> bool:
-        """Whether the paper's numbers leave less than a fifth of the bounds."""
-        return self.share < 0.2
-
-
-def reaches(determination: Mapping[str, Mapping[str, Any]]) -> list[Reach]:
-    """Return the reach of each parameter, the best determined first."""
-    return sorted((_reach(name, row) for name, row in determination.items()), key=lambda reach: reach.share)
-
-
-def _reach(name: str, row: Mapping[str, Any]) -> Reach:
-    low, high = map(float, row["bounds"])
-    width = high - low if high > low else 1.0
-
-    def place(value: float) -> float:
-        return round(100 * min(max((value - low) / width, 0.0), 1.0), 2)
-
-    ends = {kind: tuple(map(float, row[kind])) for kind in ("alone", "together")}
-    text = {kind: f"{number(a)} to {number(b)}" for kind, (a, b) in ends.items()}
-    bars = {f"{kind}_{end}": place(pair[i]) for kind, pair in ends.items() for i, end in enumerate(("low", "high"))}
-    return Reach(
-        name=name,
-        value=f"{number(float(row['value']))} {_readable(str(row.get('unit', '')))}".rstrip(),
-        alone=text["alone"],
-        together=text["together"],
-        bounds=f"{number(low)} to {number(high)}",
-        share=(bars["together_high"] - bars["together_low"]) / 100,
-        bars={**bars, "value": place(float(row["value"]))},
-        sentence=str(row.get("sentence", "")),
-    )
+def determined_rows(posterior: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return name, unit, 90 % before and with the paper's numbers, and what is left, as text, the best known first."""
+    return [
+        {
+            "name": name,
+            "unit": _readable(str(row["unit"])),
+            **{key: " to ".join(map(number, row[f"{key}90"])) for key in ("prior", "posterior")},
+            "left": f"{100 * row['ratio']:.0f} %",
+        }
+        for name, row in sorted(posterior.items(), key=lambda item: float(item[1]["ratio"]))
+    ]
 
 
 # Trends over months are drawn, and written as a page.

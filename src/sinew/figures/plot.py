@@ -18,7 +18,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from sinew.analysis.analysed import Analysed, analyse_recording
+from sinew.analysis.analysed import analyse_recording
+from sinew.analysis.results import Analysed, SpectrumResult
 from sinew.figures.decay import draw_envelope
 from sinew.figures.predicted import curves_of, draw_gains, draw_levels, draw_phases
 from sinew.figures.response import draw_coherence, draw_gain, draw_lag, draw_lag_lines, draw_lines
@@ -53,8 +54,8 @@ def _over_frequency(
     lines: Callable[[Axes, dict[str, Any]], Axes],
     sweep: Callable[[Axes, xr.Dataset], Axes],
 ) -> Axes:
-    if isinstance(found, Analysed) and found.document["kind"] in ("broadband", "impact"):
-        return lines(_axes(ax), found.document)
+    if isinstance(found, SpectrumResult):
+        return lines(_axes(ax), found.to_dict())
     results = _sweep(found)
     return sweep(_axes(ax), results)
 
@@ -62,9 +63,9 @@ def _over_frequency(
 @in_style
 def coherence(found: Analysed, ax: Axes | None = None) -> Axes:
     """Return axes with the coherence of a broadband record, or of several hammer blows, over frequency."""
-    if found.document["kind"] not in ("broadband", "impact"):
+    if not isinstance(found, SpectrumResult):
         raise RecordingError("there is no coherence to draw; it is of a broadband record or of hammer blows")
-    return draw_coherence(_axes(ax), found.document)
+    return draw_coherence(_axes(ax), found.to_dict())
 
 
 @in_style
@@ -125,7 +126,7 @@ def fit(found: "Identified", ax: Axes | None = None) -> Axes:
 @in_style
 def tuning(found: "Tuning", ax: Axes | None = None) -> Axes:
     """Return axes with the resonance over pretension that a rig can be tuned to, and the settings with intervals."""
-    axes, curve = _axes(ax), found.reachable.resonances
+    axes, curve = _axes(ax), found.range.resonances
     axes.plot([one.pretension_mm for one in curve], [one.frequency_hz for one in curve], color=GREY)
     for one in found.settings:
         if one.pretension_mm is not None and one.frequency_hz is not None:

@@ -1,7 +1,7 @@
 """Figures and page of a prediction: curves, bands, maps, and a recording that it did not know beside them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from sinew.figures.page import Caption, Table, number, pictures, write_page
+from sinew.figures.page import Caption, pictures, result_tables, write_page
 from sinew.figures.response import along_ridge
 from sinew.figures.style import (
     ACCENT,
@@ -29,16 +29,19 @@ from sinew.figures.style import (
     note_panel,
     pretension_bar,
     pretension_colours,
+    save_figure,
 )
 from sinew.identify.forced import Forced
 from sinew.measure.arrays import Array
+from sinew.measure.files.netcdf import provenance
+from sinew.measure.result import Result
 from sinew.predict.against import Comparison, Reading, error_of
 from sinew.predict.band import Band, Tube
-from sinew.predict.predicted import Predicted
+from sinew.predict.predicted import Compared, Predicted
 from sinew.solve.branch import Branch
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
-_UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
+UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Curves:
 def curves_of(found: Predicted) -> Curves:
     """Return the curves of a rig's prediction."""
     asked = found.asked
-    return Curves(found.rig.name, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
+    return Curves(found.rig, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
 
 
 @in_style
@@ -82,7 +85,7 @@ def draw_predicted(curves: Curves) -> Figure:
 def draw_phases(axes: Axes, curves: Curves) -> Axes:
     """Draw the lag of every branch behind the lever over frequency, with its folds."""
     for branch, colour in zip(curves.branches, pretension_colours(curves.pretension_mm), strict=True):
-        _draw_line(axes, branch, np.degrees(branch.phase), colour)
+        draw_line(axes, branch, np.degrees(branch.phase), colour)
         for fold in branch.folds:
             axes.plot(fold.frequency_hz, math.degrees(fold.phase), **_diamond(colour))
     axes.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
@@ -99,7 +102,7 @@ def draw_gains(axes: Axes, curves: Curves) -> Axes:
     labelled = set(few(len(curves.branches), 4).tolist()) if len(curves.branches) > 1 else set()
     colours = pretension_colours(curves.pretension_mm)
     for i, (branch, colour) in enumerate(zip(curves.branches, colours, strict=True)):
-        _draw_line(axes, branch, curves.gain(branch.amplitude), colour)
+        draw_line(axes, branch, curves.gain(branch.amplitude), colour)
         for fold in branch.folds:
             axes.plot(fold.frequency_hz, curves.gain(fold.amplitude), **_diamond(colour))
         if branch.peak is not None:
@@ -152,9 +155,10 @@ def _raise_to(row: Array, frequency_hz: Array, at_hz: Array, gain: Array) -> Non
         row[:] = np.fmax(row, found)
 
 
-def _draw_line(axes: Axes, branch: Branch, values: Array, colour: Array) -> None:
+def draw_line(axes: Axes, branch: Branch, values: Array, colour: Array) -> None:
+    """Draw numbers along a curve, dotted where the motion is not stable, with gaps where points were left out."""
     for part, is_stable in stretches(branch.stable, branch.holes):
-        look = _STABLE if is_stable else _UNSTABLE
+        look = _STABLE if is_stable else UNSTABLE
         axes.plot(branch.frequency_hz[part], values[part], color=colour, **look)
 
 
@@ -168,7 +172,7 @@ def _add_key(axes: Axes, curves: Curves) -> None:
         return
     keys = [
         Line2D([], [], color=INK, label="stable", **_STABLE),
-        Line2D([], [], color=INK, label="unstable", **_UNSTABLE),
+        Line2D([], [], color=INK, label="unstable", **UNSTABLE),
         Line2D([], [], color=INK, linestyle="none", marker="D", markersize=3.5, label="fold"),
     ]
     axes.legend(handles=keys, loc="upper right")
@@ -222,7 +226,7 @@ def draw_forced(found: Forced) -> Figure:
     draw_levels(left, found)
     for one, colour in zip(found.levels, _colours_of(found), strict=True):
         _draw_tube(right, one.band.frequency_hz, one.band.up[1], colour, 180 / np.pi)
-        _draw_line(right, one.branch, np.degrees(one.branch.phase), colour)
+        draw_line(right, one.branch, np.degrees(one.branch.phase), colour)
     right.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     right.set(xlabel="drive frequency in Hz", ylabel="lag of the motion behind the drive in degrees")
     right.set_yticks(range(0, 181, 45))
@@ -240,7 +244,7 @@ def draw_levels(axes: Axes, found: Forced) -> Axes:
         if one.band.folded:
             for edge in (one.band.down[0].low, one.band.down[0].high):
                 axes.plot(one.band.frequency_hz, factor * edge, color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
-        _draw_line(axes, one.branch, factor * one.branch.amplitude, colour)
+        draw_line(axes, one.branch, factor * one.branch.amplitude, colour)
         axes.plot([], [], color=colour, label=found.drive.of(one.level))
         if one.branch.peak is not None:
             at = (one.branch.peak.frequency_hz, factor * one.branch.peak.amplitude)
@@ -257,48 +261,6 @@ def draw_levels(axes: Axes, found: Forced) -> Axes:
 
 def _colours_of(found: Forced) -> Array:
     return pretension_colours([one.level for one in found.levels])
-
-
-def write_forced_page(
-    path: Path,
-    document: Mapping[str, Any],
-    *,
-    figures: Sequence[Path] = (),
-    rebuild: str = "",
-    origins: Sequence[tuple[str, str]] = (),
-) -> Path:
-    """Write the page of a fit's forced response, atomically, and return its path; the rest as of a rig's page.
-
-    document: of `sinew predict FIT.json`. Raises FileError where the folder cannot be written.
-    """
-    unit, drive = ("" if one == "1" else f" in {one}" for one in (document["unit"], document["drive"]["unit"]))
-    head = [
-        f"{document['drive']['kind']}{drive}",
-        "peak in Hz",
-        "90 % from",
-        "to",
-        f"amplitude{unit}",
-        "90 % from",
-        "to",
-    ]
-    rows = []
-    for one in document["levels"]:
-        peak = one["band"]["peak"] or {}
-        cells = [peak.get(name, {}) for name in ("frequency_hz", "amplitude")]
-        numbers = [[each.get("value"), *(each.get("interval90") or (None, None))] for each in cells]
-        rows.append([number(one["level"]), *(number(value, 5) for each in numbers for value in each)])
-    return write_page(
-        path,
-        "prediction.html",
-        title=f"Forced response of a fit, model {document['model']}",
-        about="Steady response of the fitted law to levels of a drive.",
-        lead=". ".join(f"{sentence[:1].upper()}{sentence[1:]}" for sentence in document["remarks"]),
-        tables=[Table("", head, rows, f"Bands and intervals are of {document['draws']['count']} draws.")],
-        pictures=pictures(figures, PREDICTION_CAPTIONS),
-        validity=[],
-        rebuild=rebuild,
-        origins=list(origins),
-    )
 
 
 # The predicted responses of several rigs are drawn beside each other.
@@ -495,70 +457,61 @@ PREDICTION_CAPTIONS = {
 """By the name of the figure's files, in the order of the page."""
 
 
-_HEAD = ["p in mm", "peak in Hz", "amplitude in °", "gain", "90° of lag in Hz", "folds in Hz", "complete"]
+def write_prediction(folder: Path, stem: str, found: Predicted | Compared | Forced, *, rebuild: str = "") -> Path:
+    """Write figures and page of a prediction into a folder, atomically, and return the page.
 
-
-def write_prediction_page(
-    path: Path,
-    rigs: Sequence[Mapping[str, Any]],
-    *,
-    amplitude_deg: float,
-    figures: Sequence[Path] = (),
-    rebuild: str = "",
-    origins: Sequence[tuple[str, str]] = (),
-) -> Path:
-    """Write the page, atomically, and return its path.
-
-    rigs: documents of `sinew predict`. amplitude_deg: of the drive's command. figures: the PNGs among them are put
-    into the page. rebuild: the command that makes all of this again. origins: (name, value) of what it was made from.
-    Raises FileError where the folder cannot be written.
+    stem: of the page's name. rebuild: the command that makes all of this again. Raises FileError where the folder
+    cannot be written.
     """
-    several = len(rigs) > 1
-    broken = sum(not check["holds"] for rig in rigs for check in rig["validity"])
-    worth = (
-        "Every assumption that was checked holds."
-        if not broken
-        else f"{broken} of the checked assumptions {'does' if broken == 1 else 'do'} not hold."
-    )
-    return write_page(
-        path,
-        "prediction.html",
-        title="Rigs compared" if several else f"Predicted response of “{rigs[0]['rig']}”",
-        about=f"Steady response to a lever that is commanded to swing by {amplitude_deg:g}°.",
-        lead=worth,
-        tables=[
-            Table(str(rig["rig"]) if several else "", _HEAD, _rows(rig, amplitude_deg), _note(rig)) for rig in rigs
-        ],
-        pictures=pictures(figures, PREDICTION_CAPTIONS),
-        validity=[{"title": rig["rig"] if several else "", "checks": rig["validity"]} for rig in rigs],
-        rebuild=rebuild,
-        origins=list(origins),
-    )
-
-
-def _rows(rig: Mapping[str, Any], amplitude_deg: float) -> list[list[str]]:
-    rows = []
-    for branch in rig["branches"]:
-        peak, quarter = branch["peak"] or {}, branch["phase_90"] or {}
-        height = peak.get("amplitude_deg")
-        rows.append(
-            [
-                f"{branch['pretension_mm']:g}",
-                number(peak.get("frequency_hz"), 5),
-                number(height),
-                number(None if height is None else height / amplitude_deg),
-                number(quarter.get("frequency_hz"), 5),
-                ", ".join(number(fold["frequency_hz"], 5) for fold in branch["folds"]) or "none",
-                "yes" if branch["complete"] else branch["message"],
-            ]
+    paths = []
+    for name, figure in _figures_of(found).items():
+        if figure is not None:
+            paths += save_figure(figure, folder / "figures", name, ("png", "pdf"))
+    rigs: Sequence[Predicted] = ()
+    if isinstance(found, Forced):
+        title = f"Forced response of a fit, model {found.mechanics.model}"
+        about = "Steady response of the fitted law to levels of a drive."
+        lead = ". ".join(f"{sentence[:1].upper()}{sentence[1:]}" for sentence in found.remarks)
+    else:
+        rigs = found.rigs if isinstance(found, Compared) else [found]
+        title = "Rigs compared" if isinstance(found, Compared) else f"Predicted response of “{found.rig}”"
+        about = f"Steady response to a lever that is commanded to swing by {rigs[0].asked.amplitude_deg:g}°."
+        broken = sum(not check.holds for rig in rigs for check in rig.validity)
+        verb = "does" if broken == 1 else "do"
+        lead = (
+            f"{broken} of the checked assumptions {verb} not hold."
+            if broken
+            else "Every assumption that was checked holds."
         )
-    return rows
-
-
-def _note(rig: Mapping[str, Any]) -> str:
-    return (
-        f"{rig['harmonics']} harmonics; the last refinement changed no point by more than {rig['error_estimate']:.1e}."
+    shown: Sequence[Result] = rigs or [found]
+    return write_page(
+        folder / f"{stem}.html",
+        "prediction.html",
+        title=title,
+        about=about,
+        lead=lead,
+        tables=[table for one in shown for table in result_tables(one, vars(one)["rig"] if len(rigs) > 1 else "")],
+        pictures=pictures(paths, PREDICTION_CAPTIONS),
+        validity=[{"title": rig.rig if len(rigs) > 1 else "", "checks": rig.validity} for rig in rigs],
+        rebuild=rebuild,
+        origins=[("versions", str(provenance("twin")["versions"]))],
     )
+
+
+def _figures_of(found: Predicted | Compared | Forced) -> dict[str, Figure | None]:
+    """Return the figures of a prediction by the name of their files, in the order of the page."""
+    if isinstance(found, Forced):
+        return {"forced_response": draw_forced(found)}
+    if isinstance(found, Compared):
+        rigs = [curves_of(one) for one in found.rigs]
+        return {"predicted_comparison": draw_comparison(rigs), "predicted_map": draw_predicted_map(rigs)}
+    curves = curves_of(found)
+    return {
+        "predicted_response": draw_predicted(curves),
+        "predicted_map": draw_predicted_map([curves]),
+        "predicted_bands": draw_bands(curves, found.tubes) if found.tubes else None,
+        "predicted_against": None if found.against is None else draw_against(found.against.comparison),
+    }
 
 
 # A prediction and a recording that it did not know.
@@ -577,10 +530,10 @@ def draw_against(comparison: Comparison) -> Figure:
     """
     figure = new_figure(5.6)
     (upper_left, upper_right), (lower_left, lower_right) = figure.subplots(2, 2)
-    lag = "phase_lag_rad" if "phase_lag_rad" in comparison.points else "phase_from_command_rad"
-    _draw_curves(upper_left, comparison, comparison.points["gain"], 1.0)
+    lag = "phase_lag_deg" if "phase_lag_deg" in comparison.points else "phase_from_command_deg"
+    _draw_curves(upper_left, comparison, comparison.points["gain"])
     upper_left.legend(handles=_keys("measured, fitted to", "measured, not fitted to", "predicted"), fontsize=7.5)
-    _draw_curves(upper_right, comparison, comparison.points[lag], 180 / math.pi)
+    _draw_curves(upper_right, comparison, comparison.points[lag])
     upper_left.set(ylabel="gain: torsion amplitude / command", ylim=(0, None))
     upper_right.set(ylabel="lag of torsion behind lever in degrees")
     upper_right.set_yticks(range(0, 181, 45))
@@ -599,14 +552,14 @@ def draw_against(comparison: Comparison) -> Figure:
     return figure
 
 
-def _draw_curves(axes: Axes, comparison: Comparison, reading: Reading, factor: float) -> None:
+def _draw_curves(axes: Axes, comparison: Comparison, reading: Reading) -> None:
     """Draw measured points under predicted lines, of a few pretensions where there are many."""
     colours = pretension_colours(comparison.pretension_mm)
     for i in few(len(colours), _SHOWN):
-        bars = factor * np.stack([reading.measured[i] - reading.low[i], reading.high[i] - reading.measured[i]])
+        bars = np.stack([reading.measured[i] - reading.low[i], reading.high[i] - reading.measured[i]])
         axes.errorbar(
             comparison.frequency_hz,
-            factor * reading.measured[i],
+            reading.measured[i],
             np.nan_to_num(np.maximum(bars, 0.0)),
             **_POINT,
             color=colours[i],
@@ -614,7 +567,7 @@ def _draw_curves(axes: Axes, comparison: Comparison, reading: Reading, factor: f
             elinewidth=0.6,
         )
         known = np.isfinite(reading.predicted[i])
-        axes.plot(comparison.frequency_hz[known], factor * reading.predicted[i][known], color=colours[i], linewidth=1.1)
+        axes.plot(comparison.frequency_hz[known], reading.predicted[i][known], color=colours[i], linewidth=1.1)
 
 
 def _draw_errors(axes: Axes, comparison: Comparison) -> None:

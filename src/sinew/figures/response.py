@@ -13,7 +13,6 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from scipy.interpolate import PchipInterpolator
 
 from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
-from sinew.analysis.sweep.response import gain_map
 from sinew.figures.motion import Group, at_pretension, drive_of, groups_of, rig_of
 from sinew.figures.style import (
     ACCENT,
@@ -133,10 +132,12 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
         or min(results.sizes["pretension_mm"], results.sizes["frequency_hz"]) < 3
     ):
         return None
-    drawn = gain_map(results).isel(pretension_mm=np.argsort(results["pretension_mm"].values))
+    drawn = results[["gain", "resonance_hz", "gain_peak"]].isel(
+        pretension_mm=np.argsort(results["pretension_mm"].values)
+    )
     pretension = drawn["pretension_mm"].values
-    ridge = (drawn["ridge_hz"].values, pretension, drawn["ridge_gain"].values)
-    x, gain = along_ridge(drawn["frequency_hz"].values, drawn["gain"].values, ridge[0])
+    ridge = (drawn["resonance_hz"].values, pretension, drawn["gain_peak"].values)
+    x, gain = along_ridge(drawn["frequency_hz"].values, mean_and_spread(drawn["gain"].values)[0], ridge[0])
     y = np.broadcast_to(pretension[:, None], x.shape)
     figure = new_figure(3.4)
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
@@ -384,77 +385,6 @@ def _draw_group(axes: Axes, recording: xr.Dataset, group: Group) -> None:
     axes.plot(time[time <= 0], drive[time <= 0], color=GREY, linewidth=1.4, label="settling")
     axes.plot(time[time >= 0], drive[time >= 0], color=ACCENT, linewidth=1.5, label="recorded")
     axes.set(xlim=(time[0], time[-1]), ylim=(-1.2 * nominal, 1.2 * nominal), yticks=[-nominal, 0, nominal])
-
-
-# The drive's reach is drawn: measured drive amplitude over frequency, for all pretensions.
-
-
-@in_style
-def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure | None:
-    """Return measured drive amplitude [deg] over frequency, or None where the results hold no sweep.
-
-    The dotted line is the nominal amplitude; rings mark the resonance at each pretension. Where the rig is known, a
-    dashed line shows the largest sine whose peak speed stays under the motor's no-load speed, a dash-dotted one the
-    fundamental of a triangle at that speed, which no drive exceeds that never runs faster.
-    """
-    if "drive_amplitude_rad" not in results or "drive_rad" not in recording:
-        return None
-    if not np.isfinite(results["drive_amplitude_rad"].values).any():
-        return None
-    frequency, pretension = results["frequency_hz"].values, results["pretension_mm"].values
-    amplitude = np.rad2deg(results["drive_amplitude_rad"].values)
-    figure = new_figure(3.2, 5.2)
-    axes = figure.subplots()
-    draw_tubes(axes, frequency, amplitude, pretension)
-    nominal = recording["amplitude_deg"].values
-    nominal = nominal[np.isfinite(nominal) & (recording["kind"].values == "steady")]
-    top = float(np.nanmax(amplitude))
-    if nominal.size:
-        top = max(top, float(nominal.max()))
-        axes.axhline(nominal.max(), color=GREY, linestyle=":", linewidth=1.2)
-        axes.annotate("nominal", (frequency.max(), nominal.max()), **_ABOVE, color="#5a5a5a")
-    speed = _no_load_speed(results)
-    if speed is not None:
-        fine = np.linspace(frequency.min(), frequency.max(), 120)
-        sine, triangle = (ceiling(fine, speed) for ceiling in (sine_ceiling, triangle_ceiling))
-        axes.plot(fine, np.rad2deg(sine), color=RED, linestyle="--", linewidth=1.1, label="sine at no-load speed")
-        axes.plot(
-            fine, np.rad2deg(triangle), color=RED, linestyle="-.", linewidth=1.1, label="triangle at no-load speed"
-        )
-        axes.legend(handles=axes.lines[-2:], loc="lower left", handlelength=2.6)
-    if "resonance_hz" in results:
-        height = np.rad2deg(results["drive_amplitude_at_resonance_rad"].values)
-        where = results["resonance_hz"].values
-        axes.plot(where, height, "o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
-    axes.set(xlabel="drive frequency in Hz", ylabel="measured drive amplitude in degrees")
-    axes.set(xlim=(frequency.min(), frequency.max()), ylim=(0, 1.15 * top))
-    note_panel(axes, "", "what the drive really does (rings: at resonance)")
-    pretension_bar(figure, (axes,), pretension)
-    return figure
-
-
-_ABOVE: dict[str, Any] = {"xytext": (-2, 4), "textcoords": "offset points", "ha": "right", "fontsize": 8}
-
-
-def sine_ceiling(frequency_hz: Array, speed: float) -> Array:
-    """Return the amplitude [rad] of the sine at a frequency [Hz] whose peak speed is `speed` [rad/s]: ω₀/(2πf)."""
-    return np.asarray(speed / (2 * np.pi * frequency_hz))
-
-
-def triangle_ceiling(frequency_hz: Array, speed: float) -> Array:
-    """Return the fundamental's amplitude [rad] of the triangle at constant speed [rad/s]: 2ω₀/(π²f).
-
-    Its peak is ω₀/(4f), of which the fundamental is the share 8/π².
-    """
-    return np.asarray(2 * speed / (np.pi**2 * frequency_hz))
-
-
-def _no_load_speed(results: xr.Dataset) -> float | None:
-    """Return the drive's no-load speed at its supply voltage [rad/s], None where the rig is not known."""
-    rig = rig_of(results)
-    if rig is None:
-        return None
-    return float(rig.drive.no_load_speed.value * rig.drive.supply_share)
 
 
 # A broadband record, or one of hammer blows, is drawn: gain by H1 and H2, lag and coherence, with the modes in them.

@@ -1,8 +1,7 @@
-"""Figures and page of a joint in space: modes, coupling, shapes that move, bent poses and responses."""
+"""Figures and page of a joint in space: modes, their coupling and shapes, bent poses and responses."""
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from sinew.figures.page import Caption, Table, own_script, pictures, write_page
+from sinew.figures.page import Caption, pictures, result_tables, write_page
+from sinew.figures.predicted import UNSTABLE, draw_line, stretches
 from sinew.figures.style import (
     ACCENT,
     GREY,
@@ -32,17 +32,14 @@ from sinew.figures.style import (
     pretension_colours,
     save_figure,
 )
-from sinew.measure.arrays import Array, Complexes
-from sinew.measure.estimate import number
-from sinew.measure.told import Table as ToldTable
+from sinew.measure.arrays import Array
 from sinew.mechanics.rod import STRAINS, TERMS, rod_poses
 from sinew.mechanics.space import Space
 from sinew.mechanics.tendons import guide_points
-from sinew.plan.pose import bend_of_swing
+from sinew.plan.plan import bend_of_swing
 from sinew.plan.rig import RigSpec
-from sinew.predict.coupled import Coupled, Motions, PredictedBent
+from sinew.predict.coupled import Coupled, PredictedBent
 from sinew.predict.modes import FoundMode, Modes, PoseModes
-from sinew.solve.branch import Branch
 
 if TYPE_CHECKING:
     from sinew.predict.pose import Posed
@@ -132,19 +129,19 @@ def shape_lines(found: Modes, pose: PoseModes, mode: FoundMode, swings: Sequence
     coordinates = np.stack([pose.coordinates + swing * shape for swing in swings])
     space = found.finder.space
     rotations, positions = _poses(space, coordinates)
-    return [joint_lines(found.rig, space, r, x) for r, x in zip(rotations, positions, strict=True)]
+    return [joint_lines(found.spec, space, r, x) for r, x in zip(rotations, positions, strict=True)]
 
 
 @in_style
 def draw_over_pretension(found: Modes) -> Figure:
     """Return the frequencies of the modes over pretension, a panel for each bend."""
-    bends = list(found.tracks)
+    bends = list(found.scanned)
     figure = new_figure(3.4 if len(bends) <= 4 else 6.0)
     rows = 1 if len(bends) <= 4 else 2
     panels = np.atleast_1d(figure.subplots(rows, math.ceil(len(bends) / rows), sharey=True)).ravel()
     colours, scale = frequency_map(), Normalize(0, 1)
     for k, (axes, bend_deg) in enumerate(zip(panels, bends, strict=False)):
-        track = found.tracks[bend_deg]
+        track = found.scanned[bend_deg]
         at = [one.pretension_mm for one in track]
         count = max(len(one.modes) for one in track)
         for i in range(count):
@@ -159,11 +156,10 @@ def draw_over_pretension(found: Modes) -> Figure:
             place = known[len(known) // 2]
             axes.annotate("2 · torsion", place, (4, -3), textcoords="offset points", va="top", color=RED, fontsize=8.0)
         for pose in found.poses:
-            if pose.bend_deg == bend_deg and found.drawn and pose.taut:
-                _intervals(axes, found, pose)
-        for one in found.conditions:
-            if one.bend_deg == bend_deg and not one.steps and math.isfinite(one.pretension_mm.value):
-                axes.plot(one.pretension_mm.value, one.ratio * one.frequency_hz.value, "o", mfc="none", mec=RED, ms=8)
+            for mode in pose.modes if pose.bend_deg == bend_deg and pose.taut else ():
+                one = mode.frequency_hz
+                if math.isfinite(one.low):
+                    axes.plot([pose.pretension_mm] * 2, [one.low, one.high], **_INTERVAL)
         axes.set(xlabel="pretension in mm", ylim=(0, _TOP_HZ))
         note_panel(axes, "abcdefgh"[k], f"bent by {bend_deg:g}°" if bend_deg else "straight")
     for axes in panels[len(bends) :]:
@@ -174,11 +170,7 @@ def draw_over_pretension(found: Modes) -> Figure:
     return figure
 
 
-def _intervals(axes: Axes, found: Modes, pose: PoseModes) -> None:
-    for i in range(len(pose.modes)):
-        one = found.estimates(pose, i)["frequency_hz"]
-        if math.isfinite(one.low):
-            axes.plot([pose.pretension_mm] * 2, [one.low, one.high], color=ACCENT, linewidth=2.4, alpha=0.35, zorder=1)
+_INTERVAL: dict[str, Any] = {"color": ACCENT, "linewidth": 2.4, "alpha": 0.35, "zorder": 1}
 
 
 @in_style
@@ -189,14 +181,12 @@ def draw_coupling(found: Modes) -> Figure:
     pretensions = sorted({one.pretension_mm for one in found.poses})
     straight = {p: found.finder.at(p, 0.0).torsion_hz() for p in pretensions}
     for k, (p, colour) in enumerate(zip(pretensions, pretension_colours(pretensions), strict=True)):
-        mine = sorted((one for one in found.poses if one.pretension_mm == p), key=lambda one: one.bend_deg)
-        rows = []
-        for pose in mine:
-            index = next((i for i, mode in enumerate(pose.modes) if mode is pose.of("torsion")), None)
-            if index is None:
-                continue
-            told = found.estimates(pose, index)
-            rows.append((pose.bend_deg, told["tilt_across_per_torsion"], pose.modes[index].frequency_hz, pose.taut))
+        rows = [
+            (pose.bend_deg, mode.tilt_across_per_torsion, mode.frequency_hz.value, pose.taut)
+            for pose in sorted(found.poses, key=lambda one: one.bend_deg)
+            for mode in [one for one in pose.modes if one.kind.startswith("torsion")][:1]
+            if pose.pretension_mm == p
+        ]
         if not rows:
             continue
         bend_deg = np.array([row[0] for row in rows])
@@ -241,7 +231,7 @@ def _flat(points: Array, yaw: float = 0.9, pitch: float = 0.32) -> tuple[Array, 
 
 def shown_pose(found: Modes) -> PoseModes | None:
     """Return the pose whose shapes are drawn: the most bent one with modes, of the middle pretension there."""
-    there = [one for one in found.poses if one.modes]
+    there = [one for one in found.nominal if one.modes]
     if not there:
         return None
     most = max(one.bend_deg for one in there if one.taut or not any(other.taut for other in there))
@@ -291,10 +281,10 @@ def draw_shapes(found: Modes) -> Figure | None:
 
 
 def write_modes(found: Modes, path: Path) -> Path:
-    """Write the figures of modes beside one another, or a page with shapes that move, and return the path.
+    """Write the figures of modes beside one another, or a page with them and all numbers, and return the path.
 
-    path: ends with .html for the page; else the waterfall has that name, and coupling and shapes have it with
-    `-coupling` and `-shapes` behind it. Raises FileError where the folder cannot be written.
+    path: ends with .html for the page; else the modes over pretension have that name, and coupling and shapes
+    have it with `-coupling` and `-shapes` behind it. Raises FileError where the folder cannot be written.
     """
     figures = {"": draw_over_pretension(found), "-coupling": draw_coupling(found), "-shapes": draw_shapes(found)}
     if path.suffix != ".html":
@@ -310,92 +300,22 @@ def write_modes(found: Modes, path: Path) -> Path:
         if figure is not None
         for file in save_figure(figure, folder, names[ending], ("png",))
     ]
-    tables, notes = [], []
-    for one in found.told():
-        if isinstance(one, ToldTable):
-            tables.append(Table(one.title or "", list(one.columns), [list(row) for row in one.rows], ""))
-        else:
-            notes.append(one.removeprefix("- "))
+    notes = [one.removeprefix("- ") for one in found.blocks() if isinstance(one, str)]
     return write_page(
         path,
-        "modes.html",
-        title=f"Modes of “{found.rig.name}”",
-        lead=f"Small motion about rest, tendon motors in mode {found.asked.mode}, the lever locked to the head.",
-        tables=tables,
-        notes=notes,
+        "prediction.html",
+        title=f"Modes of “{found.rig}”",
+        about=f"Small motion about rest, tendon motors in mode {found.mode}, the lever locked to the head.",
+        lead=". ".join(f"{note[:1].upper()}{note[1:]}" for note in notes),
+        tables=result_tables(found),
         pictures=pictures(files, CAPTIONS),
-        moving=json.dumps(moving_document(found), separators=(",", ":")),
-        names=[
-            (
-                f"{one.pretension_mm:g} mm, {one.bend_deg:g}°",
-                [(f"{mode.frequency_hz:.3g} Hz, {mode.kind}", _in_words(mode)) for mode in one.modes],
-            )
-            for one in _moving(found)
-        ],
-        **own_script("modes.js"),
+        validity=[],
+        rebuild="",
+        origins=[],
     )
 
 
-def _in_words(mode: FoundMode) -> str:
-    """Return what a mode is, for who sees it move and for who does not."""
-    kinds = ("torsion", "sway in the plane of the bend", "sway across it", "axial motion")
-    shares = [f"{100 * share:.0f} % in {kind}" for kind, share in zip(kinds, mode.shares, strict=True) if share > 0.005]
-    head = {"twist": mode.torsion, "tilt in the plane": mode.tilt_in_plane, "tilt across": mode.tilt_across}
-    moves = [f"{name} {number(part, 2)}" for name, part in head.items() if abs(part) > 0.005]
-    return (
-        f"{mode.kind[0].upper()}{mode.kind[1:]} at {number(mode.frequency_hz)} Hz, Lehr's damping "
-        f"{number(100 * mode.damping, 2)} %. Energy: {', '.join(shares)}. Of the head's motion: "
-        f"{', '.join(moves) or 'no turn'}."
-    )
-
-
-def _moving(found: Modes) -> list[PoseModes]:
-    return [one for one in found.poses if one.modes]
-
-
-def moving_document(found: Modes) -> Mapping[str, Any]:
-    """Return what the page needs to move: for each pose and mode the lines' points [0.1 mm] at both ends of the swing
-    and at rest, between which it goes along parabolas, and which tendons are slack."""
-    poses = []
-    parts: list[str] = []
-    sizes: list[int] = []
-    for pose in _moving(found):
-        modes = []
-        for mode in pose.modes:
-            three = shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING))
-            parts, sizes = [line.part for line in three[0]], [len(line.points) for line in three[0]]
-            flat = [np.concatenate([line.points for line in lines]) for lines in three]
-            modes.append({"at": [np.rint(1e4 * one).astype(int).ravel().tolist() for one in flat]})
-        poses.append({"modes": modes, "slack": (pose.tension_n <= 0).tolist()})
-    return {"parts": parts, "sizes": sizes, "poses": poses}
-
-
-# ---- figures of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension; over
-# some pretensions also a waterfall of torsion and sway.
-
-
-_DASHES = (0, (2, 1.5))
-
-
-def _parted(row: Array, branch: Branch) -> Array:
-    """Return numbers along a curve with a NaN where points were left out."""
-    return np.insert(row, branch.holes, np.nan)
-
-
-def _line(axes: Axes, y: Array, branch: Branch, colour: Sequence[float]) -> None:
-    """Draw a curve, dashed where the motion is not stable."""
-    for keep, style in ((branch.stable, "-"), (~branch.stable, _DASHES)):
-        if keep.any():
-            wide = keep | np.roll(keep, 1) & (np.arange(keep.size) > 0)  # so that the parts meet
-            shown = _parted(np.where(wide, y, np.nan), branch)
-            axes.plot(_parted(branch.frequency_hz, branch), shown, color=colour, linestyle=style, linewidth=1.2)
-
-
-def _band(axes: Axes, low: Array, high: Array, branch: Branch, colour: Sequence[float], alpha: float) -> None:
-    """Fill what lies between two rows along a curve; over one that folds back it would cover itself."""
-    if branch.folds == ():
-        x, below, above = (_parted(row, branch) for row in (branch.frequency_hz, low, high))
-        axes.fill_between(x, below, above, color=colour, alpha=alpha, linewidth=0)
+# ---- figure of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension
 
 
 @in_style
@@ -404,9 +324,9 @@ def draw_bent(found: PredictedBent) -> Figure:
     figure = new_figure(5.0)
     panels = figure.subplots(2, 2, sharex=True)
     torsion, across, twice, pulls = panels.ravel()
-    pretensions = [one.pretension_mm for one in found.curves]
+    pretensions = [one.pretension_mm or 0.0 for one in found.curves]
     for one, colour in zip(found.curves, pretension_colours(pretensions), strict=True):
-        _curve((torsion, across, twice, pulls), one, tuple(colour))
+        _curve((torsion, across, twice, pulls), one, colour)
     torsion.set(ylabel="torsion in degrees")
     across.set(ylabel="tilt across in degrees")
     twice.set(xlabel="frequency in Hz", ylabel="tilt in the plane in degrees")
@@ -420,7 +340,7 @@ def draw_bent(found: PredictedBent) -> Figure:
     note_panel(pulls, "d", "lowest and highest tension of any tendon")
     keys = [Line2D([], [], color=GREY, label="largest torsion", marker="o", linestyle="", mfc="white")]
     if any(not one.branch.stable.all() for one in found.curves):
-        keys.append(Line2D([], [], color=INK, linestyle=_DASHES, label="not stable"))
+        keys.append(Line2D([], [], color=INK, label="not stable", **UNSTABLE))
     figure.legend(handles=keys, loc="outside lower center", ncols=2)
     figure.suptitle(f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°", fontsize=8.5, x=0.01, ha="left")
     if len(pretensions) > 1:
@@ -428,93 +348,25 @@ def draw_bent(found: PredictedBent) -> Figure:
     return figure
 
 
-def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Sequence[float]) -> None:
-    torsion, across, twice, pulls = panels
-    seen, peak = one.seen, one.peak
-    tops = (None,) * 3 if peak is None else (peak.torsion, peak.across, peak.twice)
-    rows = (np.abs(seen.torsion[:, 1]), np.abs(seen.across[:, 1]), np.abs(seen.in_plane[:, 2]))
-    for axes, row, top in zip((torsion, across, twice), rows, tops, strict=True):
-        _line(axes, np.degrees(row), one.branch, colour)
-        if peak is not None and top is not None:
-            axes.plot(peak.frequency_hz, np.degrees(top), "o", color=colour, mfc="white", markersize=4.5)
-    low, high = seen.tension[:, :, 0].min(axis=1), seen.tension[:, :, 1].max(axis=1)
+def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Array) -> None:
+    *angles, pulls = panels
+    for axes, name in zip(angles, ("torsion_deg", "tilt_across_deg", "tilt_in_plane_twice_deg"), strict=True):
+        draw_line(axes, one.branch, getattr(one, name), colour)
+        if one.peak is not None:
+            axes.plot(one.peak.frequency_hz, getattr(one.peak, name), "o", color=colour, mfc="white", markersize=4.5)
+    low, high = one.lowest_tension_n.min(axis=1), one.highest_tension_n.max(axis=1)
     for row in (low, high):
-        _line(pulls, row, one.branch, colour)
-    _band(pulls, low, high, one.branch, colour, 0.12)
+        draw_line(pulls, one.branch, row, colour)
+    if not one.branch.folds:  # over a curve that folds back a band would cover itself
+        for part, _ in stretches(one.stable, one.branch.holes):
+            pulls.fill_between(one.frequency_hz[part], low[part], high[part], color=colour, alpha=0.12, linewidth=0)
 
 
-_ROOM = 1.4  # of the highest crest, in steps of pretension
-
-_RISING: dict[str, Callable[[Motions], Complexes]] = {
-    "torsion of the head, f": lambda seen: seen.torsion[:, 1],
-    "tilt in the plane of the bend, 2f": lambda seen: seen.in_plane[:, 2],
-}
-
-
-@in_style
-def draw_waterfall(found: PredictedBent) -> Figure:
-    """Return torsion at f and tilt in the plane at 2f over frequency, each curve on the line of its pretension."""
-    figure = new_figure(4.6)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    pretensions = np.array([one.pretension_mm for one in found.curves])
-    step = float(np.ptp(pretensions)) / max(pretensions.size - 1, 1) or 1.0
-    curves = sorted(
-        zip(found.curves, pretension_colours(pretensions), strict=True), key=lambda one: -one[0].pretension_mm
-    )
-    for axes, letter, (title, of) in zip(panels, "ab", _RISING.items(), strict=True):
-        rows = [np.degrees(np.abs(of(one.seen))) for one, _ in curves]
-        scale = _ROOM * step / (max(float(row.max(initial=0.0)) for row in rows) or 1.0)
-        for (one, colour), row in zip(curves, rows, strict=True):  # the lower lines in front
-            _rise(axes, one, scale * row, row, tuple(colour))
-        axes.set(xlabel="frequency in Hz", xlim=found.band_hz, yticks=pretensions)
-        axes.set_ylim(pretensions.min() - 0.1 * step, pretensions.max() + (_ROOM + 0.25) * step)
-        axes.grid(visible=False, axis="y")
-        note_panel(axes, letter, title)
-    panels[0].set_ylabel("pretension in mm")
-    if any(not one.branch.stable.all() for one in found.curves):
-        figure.legend(
-            handles=[Line2D([], [], color=INK, linestyle=_DASHES, label="not stable")], loc="outside lower center"
-        )
-    told = f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°; numbers: highest of each curve"
-    figure.suptitle(told, fontsize=8.5, x=0.01, ha="left")
-    return figure
-
-
-def _rise(axes: Axes, one: Coupled, raised: Array, row_deg: Array, colour: Sequence[float]) -> None:
-    """Draw a curve on the line of its pretension, by as much above it as `raised` says, its crest named in degrees."""
-    hz, base = one.branch.frequency_hz, one.pretension_mm
-    axes.axhline(base, color=GREY, linewidth=0.5)
-    if hz.size == 0:
-        return
-    _band(axes, np.full(hz.size, base), base + raised, one.branch, colour, 0.18)
-    _line(axes, base + raised, one.branch, colour)
-    top = int(np.argmax(row_deg))
-    place = (hz[top], base + raised[top])
-    axes.annotate(
-        f"{row_deg[top]:.2g}°",
-        place,
-        (0, 3),
-        textcoords="offset points",
-        ha="center",
-        fontsize=7.5,
-        annotation_clip=False,
-    )
-
-
-_FEWEST = 3  # pretensions of a waterfall
-
-
-def write_bent(found: PredictedBent, path: Path) -> list[Path]:
-    """Write the figure of a bent joint's response, beside it the waterfall where there are three pretensions or more,
-    with `-waterfall` behind the name, and return the paths. Raises FileError where the folder cannot be written."""
-    figures = {"": draw_bent(found)}
-    if len(found.curves) >= _FEWEST:
-        figures["-waterfall"] = draw_waterfall(found)
-    return [
-        file
-        for ending, figure in figures.items()
-        for file in save_figure(figure, path.parent, f"{path.stem}{ending}", (path.suffix[1:],))
-    ]
+def write_bent(found: PredictedBent, path: Path) -> Path:
+    """Write the figure of a bent joint's response and return the path. Raises FileError where the folder cannot be
+    written."""
+    save_figure(draw_bent(found), path.parent, path.stem, (path.suffix[1:],))
+    return path
 
 
 # ---- figures of a joint that bends: the bent silicone with its tendons, and how far it may be bent
@@ -538,7 +390,7 @@ def draw_pose(posed: "Posed") -> Figure | None:
 
 
 def _draw_side(axes: Axes, posed: "Posed") -> None:
-    shape, rig = posed.shape, posed.rig
+    shape, rig = posed.shape, posed.spec
     assert shape is not None
     assert posed.rest is not None
     azimuth = bend_of_swing(*map(float, posed.rest.at.tilt))[1]
@@ -592,9 +444,7 @@ _COLUMNS = 3
 def draw_workspace(found: "Workspace") -> Figure:
     """Return the maps of a joint's poses over roll and pitch, one panel for each pretension, with lines of the highest
     tension in newtons."""
-    from sinew.predict.workspace import OUTSIDE, VERDICTS
-
-    count = len(found.pretension_mm)
+    count = len(found.maps)
     columns = min(count, _COLUMNS)
     rows = math.ceil(count / columns)
     figure = new_figure(0.6 + 2.5 * rows)
@@ -607,12 +457,11 @@ def draw_workspace(found: "Workspace") -> Figure:
         if index >= count:
             axes.set_axis_off()
             continue
-        verdict = np.ma.masked_equal(found.verdict[index], OUTSIDE)
+        one = found.maps[index]
+        verdict = np.array(one.verdict, dtype=float)  # NaN where it was not asked for
         axes.pcolormesh(found.roll_deg, found.pitch_deg, verdict, cmap=colours, norm=norm, shading="nearest")
-        if np.isfinite(found.highest[index]).sum() > 3:
-            lines = axes.contour(
-                found.roll_deg, found.pitch_deg, found.highest[index], levels=6, colors=INK, linewidths=0.6
-            )
+        if np.isfinite(one.highest_n).sum() > 3:
+            lines = axes.contour(found.roll_deg, found.pitch_deg, one.highest_n, levels=6, colors=INK, linewidths=0.6)
             axes.clabel(lines, fmt="%.0f", fontsize=8.0)
         axes.set_aspect("equal")
         axes.grid(visible=False)
@@ -620,10 +469,14 @@ def draw_workspace(found: "Workspace") -> Figure:
             axes.set_ylabel("pitch in degrees")
         if index // columns == rows - 1:
             axes.set_xlabel("roll in degrees")
-        note_panel(axes, "abcdefghijkl"[index % 12], f"{found.pretension_mm[index]:g} mm")
-    seen = [code for code in range(len(VERDICTS)) if (found.verdict == code).any()]
+        note_panel(axes, "abcdefghijkl"[index % 12], f"{one.pretension_mm:g} mm")
+    seen = [
+        code
+        for code, name in enumerate(found.verdicts)
+        if any(vars(one.shares)[name.replace(" ", "_")] for one in found.maps)
+    ]
     figure.legend(
-        handles=[Patch(facecolor=_VERDICT_COLOURS[code], label=VERDICTS[code]) for code in seen],
+        handles=[Patch(facecolor=_VERDICT_COLOURS[code], label=found.verdicts[code]) for code in seen],
         loc="outside upper center",
         ncols=len(seen),
     )

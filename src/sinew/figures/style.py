@@ -20,8 +20,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from sinew.measure.doors import write_atomically
-from sinew.measure.tasks import Hand, fetch_all
+from sinew.measure.validation import write_atomically
 
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
@@ -160,16 +159,9 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
     return paths
 
 
-def save_figures(
-    figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str], hand: Hand = functools.partial
-) -> list[Path]:
+def save_figures(figures: Iterable[tuple[str, Figure]], folder: Path, formats: Sequence[str]) -> list[Path]:
     """Write (stem, figure) of each, drawn one after the other, and return the paths in their order.
 
-    hand: of `sinew.measure.tasks.beside`, where further processes help to write the files: they begin with the first
-        while this one draws the next, this one with what has the most axes, which takes longest.
     Raises FileError where the folder cannot be written.
     """
-    drawn = [(len(figure.axes), hand(save_figure, figure, folder, stem, formats)) for stem, figure in figures]
-    order = sorted(range(len(drawn)), key=lambda i: drawn[i][0])
-    paths = dict(zip(order, fetch_all([drawn[i][1] for i in order]), strict=True))
-    return [path for i in range(len(drawn)) for path in paths[i]]
+    return [path for stem, figure in figures for path in save_figure(figure, folder, stem, formats)]

@@ -17,12 +17,10 @@ from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
     BROADCAST,
     Decoder,
-    FastStatus,
     Instruction,
     Packet,
     Status,
     encode,
-    fast_blocks,
     wire_bytes,
 )
 
@@ -276,22 +274,17 @@ class Bus:
         """Store other bytes at other addresses of each device. Nobody answers."""
         self._tell(ask.bulk_write(writes))
 
-    def sync_read(self, address: int, length: int, devices: Sequence[int], *, fast: bool = False) -> dict[int, Reply]:
-        """Return the same bytes of several devices, by id and in the order asked.
-
-        fast: in one packet of all (X430 motors from firmware 45 on). Who did not answer is asked alone.
-        """
+    def sync_read(self, address: int, length: int, devices: Sequence[int]) -> dict[int, Reply]:
+        """Return the same bytes of several devices, by id and in the order asked. Who did not answer is asked alone."""
         reads = [ask.Read(device, address, length) for device in devices]
-        return self._ask_group(ask.sync_read(address, length, devices, fast=fast), reads, fast)
+        return self._ask_group(ask.sync_read(address, length, devices), reads)
 
-    def bulk_read(
-        self, reads: Sequence[ask.Read], *, fast: bool = False, retries: int | None = None
-    ) -> dict[int, Reply]:
+    def bulk_read(self, reads: Sequence[ask.Read], *, retries: int | None = None) -> dict[int, Reply]:
         """Return other bytes of each device, by id and in the order asked; see `sync_read`.
 
         retries: instead of the bus's; with 0 the call is one transaction, whoever answers.
         """
-        return self._ask_group(ask.bulk_read(reads, fast=fast), reads, fast, retries)
+        return self._ask_group(ask.bulk_read(reads), reads, retries)
 
     def overhear(self, seconds: float) -> int:
         """Return how many whole packets come in a time [s] in which nothing is sent; what came before is dropped."""
@@ -330,16 +323,14 @@ class Bus:
         return replies[0] if replies else self._missing(instruction.id, heard)
 
     def _ask_group(
-        self, instruction: Instruction, reads: Sequence[ask.Read], fast: bool, retries: int | None = None
+        self, instruction: Instruction, reads: Sequence[ask.Read], retries: int | None = None
     ) -> dict[int, Reply]:
         allowed = self.retries if retries is None else retries
         lengths = {read.id: read.length for read in reads}
         got: dict[int, Reply] = {}
 
         def take(packet: Packet) -> bool:
-            if fast and isinstance(packet, FastStatus):
-                return self._take_blocks(encode(packet), lengths, got)
-            if fast or not isinstance(packet, Status) or packet.id not in lengths:
+            if not isinstance(packet, Status) or packet.id not in lengths:
                 return False
             if packet.id in got:
                 self._note_rival(packet, got)
@@ -351,9 +342,6 @@ class Bus:
         expected = sum(wire_bytes(n + n // 3 + 1, status=True) for n in lengths.values())
         stop = self._send(sent) + self.timing.allowed(len(sent), expected, len(lengths))
         heard = self._listen(stop, take, lambda: len(got) == len(lengths))
-        if fast and not got:
-            # What arrived before a device fell silent is as good as in a whole packet.
-            self._take_blocks(self._decoder.rest, lengths, got)
         return {read.id: self._finish(read, got.get(read.id), heard, allowed) for read in reads}
 
     def _finish(self, read: ask.Read, reply: Reply | None, heard: bool, retries: int) -> Reply:
@@ -371,12 +359,6 @@ class Bus:
         if first.ok and len(packet.params) == len(first.data) and packet.params != first.data:
             self._statistics.rivals += 1
             got[packet.id] = replace(first, rivals=(*first.rivals, packet.params))
-
-    def _take_blocks(self, frame: bytes, lengths: Mapping[int, int], got: dict[int, Reply]) -> bool:
-        blocks = fast_blocks(frame, list(lengths.values()))
-        fitting = [part for part, device in zip(blocks, lengths, strict=False) if part.id == device]
-        got.update({part.id: self._judge(part, lengths[part.id]) for part in fitting})
-        return bool(fitting)
 
     def _tell(self, instruction: Instruction) -> None:
         assert instruction.id == BROADCAST

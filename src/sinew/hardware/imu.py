@@ -11,10 +11,7 @@ from sinew.hardware.motor import RETRIES, Identity, check_identity
 from sinew.hardware.registers import (
     EMULATED_FIRMWARE,
     OPENCR_NODE,
-    TURTLEBOT3,
-    Layout,
     Register,
-    RegisterTable,
     decode,
     decode_raw,
     encode_raw,
@@ -126,14 +123,9 @@ class ClockTrack:
 
 
 _READINGS = ("gyro_x", "gyro_y", "gyro_z", "acceleration_x", "acceleration_y", "acceleration_z")
-_LAYOUTS: dict[str, Layout] = {
-    OPENCR_NODE.model: lay_out(OPENCR_NODE, (*_READINGS, "sample_time", "clock")),
-    TURTLEBOT3.model: lay_out(TURTLEBOT3, ("sample_time", *_READINGS)),
-}
-_CONTROL = {OPENCR_NODE.model: "imu_control", TURTLEBOT3.model: "imu_recalibrate"}
+_LAYOUT = lay_out(OPENCR_NODE, (*_READINGS, "sample_time", "clock"))
 _MICROSECOND = 1e-6
 _WRAP = 1 << 32
-_REFRESH = 0.02  # s; how often TurtleBot3's firmware writes its table
 
 Vector = tuple[float, float, float]
 _TOLD = lay_out(OPENCR_NODE, ("lost_samples", "who_am_i", "filter_delay"))
@@ -171,31 +163,23 @@ class Imu:
     """The sensor on the bus.
 
     bounds: of what it can tell; None: of anything. objection: why the newest answer, whole and fresh, cannot be true.
-    axes: the axes of the chip that point along x, y and z of the head. table: `OPENCR_NODE`, whose samples have an age
-    by its own clock, or `TURTLEBOT3`: it takes no part in reads of several devices, and its samples, which it does not
-    date, are taken to be half of its 20 ms old.
+    axes: the axes of the chip that point along x, y and z of the head.
     """
 
     name = "IMU"
 
-    def __init__(
-        self, bus: Bus, device: int, table: RegisterTable = OPENCR_NODE, axes: tuple[str, ...] = ("+x", "+y", "+z")
-    ) -> None:
-        self.bus, self.id, self.table = bus, device, table
-        self.layout = _LAYOUTS[table.model]
-        self.is_grouped = table is OPENCR_NODE
-        self.ask = Read(device, self.layout.address, self.layout.length)
-        self.track = ClockTrack(_MICROSECOND, _WRAP) if self.is_grouped else ClockTrack(1e-3, _WRAP)
+    def __init__(self, bus: Bus, device: int, axes: tuple[str, ...] = ("+x", "+y", "+z")) -> None:
+        self.bus, self.id, self.table = bus, device, OPENCR_NODE
+        self.ask = Read(device, _LAYOUT.address, _LAYOUT.length)
+        self.track = ClockTrack(_MICROSECOND, _WRAP)
         self.bounds: SensorBounds | None = None
         self.objection = ""
-        self._unpack = self.layout.unpack.unpack
-        first = 0 if self.is_grouped else 1
-        gyro, force = self.layout.scales[first], self.layout.scales[first + 3]
+        self._unpack = _LAYOUT.unpack.unpack
+        gyro, force = _LAYOUT.scales[0], _LAYOUT.scales[3]
         turned = [("xyz".index(axis[1]), -1 if axis[0] == "-" else 1) for axis in axes]
         # Where in the unpacked block each of the six values along the head's axes stands, and what a count of it means.
         (gx, gy, gz), (ax, ay, az) = (
-            [(start + place, sign * scale) for place, sign in turned]
-            for start, scale in ((first, gyro), (first + 3, force))
+            [(start + place, sign * scale) for place, sign in turned] for start, scale in ((0, gyro), (3, force))
         )
         self._places = (gx, gy, gz, ax, ay, az)
 
@@ -205,13 +189,11 @@ class Imu:
 
     def is_emulated(self) -> bool:
         """Return whether the node says of itself that it is emulated. Raises DeviceError if nobody answers."""
-        return self.is_grouped and self.identify().firmware == EMULATED_FIRMWARE
+        return self.identify().firmware == EMULATED_FIRMWARE
 
     def told(self) -> NodeTold | None:
         """Return what the node tells of its chip and of samples that it lost; None of one whose firmware has no such
         registers, or does not answer. Raises PortError."""
-        if not self.is_grouped:
-            return None
         reply = self.bus.read(self.id, _TOLD.address, _TOLD.length, retries=RETRIES)
         if not reply.ok:
             return None
@@ -234,7 +216,7 @@ class Imu:
 
         Raises DeviceError, naming the register, where it does not take that.
         """
-        row = self.table[_CONTROL[self.table.model]]
+        row = self.table["imu_control"]
         found = self._control(row)
         if found != 0:
             self.bus.write(self.id, row.address, encode_raw(row, 0), retries=RETRIES)
@@ -249,7 +231,7 @@ class Imu:
         reply = self.bus.read(self.id, row.address, row.size, retries=RETRIES)
         if not reply.ok:
             raise DeviceError(f"cannot read {row.name} of IMU (id {self.id}): {reply}; check its cable and supply")
-        return int(decode_raw(row, reply.data))
+        return decode_raw(row, reply.data)
 
     def forget(self) -> None:
         """Take the next answer as fresh, and whatever it tells for possible."""
@@ -265,33 +247,25 @@ class Imu:
         self.objection = ""
         if not reply.ok:
             return None
-        if self.is_grouped and reply.rivals and not math.isnan(answered):
-            told = [
-                values
-                for values in map(self._unpack, (reply.data, *reply.rivals))
-                if self.track.could_be(values[7], answered)
-            ]
+        values = self._unpack(reply.data)
+        if reply.rivals and not math.isnan(answered):
+            every = map(self._unpack, (reply.data, *reply.rivals))
+            told = [one for one in every if self.track.could_be(one[7], answered)]
             if len(told) > 1:
                 self.objection = "two answers come under its id, and differ"
                 return None
-            values = (told or [self._unpack(reply.data)])[0]
-        else:
-            values = self._unpack(reply.data)
-        if self.is_grouped:
-            counter, clock = values[6], values[7]
+            values = (told or [values])[0]
+        counter, clock = values[6], values[7]
+        if math.isnan(answered):
+            answered = self.track.host_time(clock)
             if math.isnan(answered):
-                answered = self.track.host_time(clock)
-                if math.isnan(answered):
-                    return None
-            elif not self.track.is_fresh(clock, answered):
                 return None
-            age = ((clock - counter + (_WRAP >> 1)) % _WRAP - (_WRAP >> 1)) * _MICROSECOND
-        else:
-            counter = values[0] * 1000
-            age = 0.5 * _REFRESH
+        elif not self.track.is_fresh(clock, answered):
+            return None
+        age = ((clock - counter + (_WRAP >> 1)) % _WRAP - (_WRAP >> 1)) * _MICROSECOND
         (a, i), (b, j), (c, k), (d, m), (e, n), (f, o) = self._places
         rates = values[a] * i, values[b] * j, values[c] * k
-        if self.bounds is not None and self.is_grouped:
+        if self.bounds is not None:
             self.objection = self.bounds.objection(rates, (values[d], values[e], values[f]), counter, clock)
             if self.objection:
                 return None

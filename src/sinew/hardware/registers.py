@@ -27,8 +27,6 @@ from sinew.plan.servo import (
     WATCHDOG_LSB,
 )
 
-_FLOAT = Struct("<f")
-
 
 @dataclass(frozen=True, slots=True)
 class Register:
@@ -38,7 +36,6 @@ class Register:
     writable: RW in the manual, else R. signed: two's complement. unit: of the decoded quantity; 1 for counts and bits.
     scale: quantity of one count [unit]. low, high: counts that may be written; None: all that fit into the size.
     initial: counts after factory reset or start; None where it depends.
-    is_float: the bytes are an IEEE 754 single instead of a count; then scale is 1.
     """
 
     name: str
@@ -51,7 +48,6 @@ class Register:
     low: int | None = None
     high: int | None = None
     initial: int | None = None
-    is_float: bool = False
 
     @property
     def stop(self) -> int:
@@ -113,15 +109,13 @@ class RegisterTable:
         return start, max(row.stop for row in rows) - start
 
 
-def decode_raw(register: Register, data: bytes) -> int | float:
-    """Return the counts that the bytes of a register stand for; of a float register, the number itself.
+def decode_raw(register: Register, data: bytes) -> int:
+    """Return the counts that the bytes of a register stand for.
 
     Raises RegisterError if there are more or fewer bytes than the register has.
     """
     if len(data) != register.size:
         raise RegisterError(f"{register.name} came with {len(data)} bytes; expected {register.size}")
-    if register.is_float:
-        return float(_FLOAT.unpack(data)[0])
     return int.from_bytes(data, "little", signed=register.signed)
 
 
@@ -178,7 +172,7 @@ def lay_out(table: RegisterTable, names: Sequence[str]) -> Layout:
     for row in rows:
         if row.address < at:
             raise RegisterError(f"{row.name} lies before {at}; expected registers by increasing address")
-        form += f"{row.address - at}x" + ("f" if row.is_float else _CODES[row.size, row.signed])
+        form += f"{row.address - at}x" + _CODES[row.size, row.signed]
         at = row.stop
     return Layout(address, length, Struct(form), tuple(row.scale for row in rows))
 
@@ -337,11 +331,10 @@ MOTORS = {table.number: table for table in (XH430_W350, XM430_W350, XL330_M288)}
 # no usable time, so there are two registers more, both in microseconds of the board, which wrap after 71.6 minutes:
 # `sample_time`, when the newest sample was taken, which stands still where the sensor is frozen; and `clock`, when the
 # board answered. Their difference is the age of the sample, whatever the bus does. `samples` counts those taken,
-# `lost_samples` those that the chip made and the board did not read. `TURTLEBOT3` is the map of the TurtleBot3
-# firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only, plain reads only.
+# `lost_samples` those that the chip made and the board did not read.
 #
-# Sources: the OP3 and TurtleBot3 firmware in ROBOTIS's OpenCR repository; gyro 2000 °/s, accelerometer 2 g full scale
-# as its IMU library sets them.
+# Sources: the OP3 firmware in ROBOTIS's OpenCR repository; gyro 2000 °/s, accelerometer 2 g full scale as its IMU
+# library sets them.
 
 EMULATED_FIRMWARE = 0xEE
 """Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
@@ -362,10 +355,6 @@ _TENTH_DEGREE = math.radians(0.1)
 
 def _three(names: tuple[str, str, str], address: int, unit: str, scale: float) -> tuple[Register, ...]:
     return tuple(Register(n, address + 2 * i, 2, signed=True, unit=unit, scale=scale) for i, n in enumerate(names))
-
-
-def _floats(names: tuple[str, ...], address: int, unit: str) -> tuple[Register, ...]:
-    return tuple(Register(n, address + 4 * i, 4, signed=True, unit=unit, is_float=True) for i, n in enumerate(names))
 
 
 OPENCR_NODE = RegisterTable(
@@ -394,21 +383,7 @@ OPENCR_NODE = RegisterTable(
     ),
     eeprom_stop=32,
 )
-TURTLEBOT3 = RegisterTable(
-    "TurtleBot3",
-    0x5000,
-    (
-        Register("model_number", 0, 2, initial=0x5000),
-        Register("sample_time", 10, 4, unit="s", scale=1e-3),
-        Register("heartbeat", 19, 1, writable=True, initial=0),
-        Register("imu_recalibrate", 59, 1, writable=True, low=0, high=1, initial=0),
-        *_floats(("gyro_x", "gyro_y", "gyro_z"), 60, "rad/s"),
-        *_floats(("acceleration_x", "acceleration_y", "acceleration_z"), 72, "m/s^2"),
-        *_floats(("magnetic_x", "magnetic_y", "magnetic_z"), 84, "1"),
-        *_floats(("orientation_w", "orientation_x", "orientation_y", "orientation_z"), 96, "1"),
-    ),
-)
-IMUS = {table.number: table for table in (OPENCR_NODE, TURTLEBOT3)}
+IMUS = {OPENCR_NODE.number: OPENCR_NODE}
 
 
 def sensor_table(sensor: BusSensor) -> RegisterTable:

@@ -22,9 +22,9 @@ from sinew.hardware.configuration import (
     registers_read,
 )
 from sinew.hardware.imu import ClockTrack, Imu, ImuReading, SensorReader
-from sinew.hardware.motor import FAST_READS_FROM, RETRIES, TENDON_MODES, DriveServo, Motor, TendonServo
-from sinew.hardware.registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE, lay_out
-from sinew.measure.errors import TROUBLES, DeviceError, PortError, RegisterError
+from sinew.hardware.motor import TENDON_MODES, DriveServo, Motor, TendonServo
+from sinew.hardware.registers import CURRENT_POSITION_MODE, MOTORS, OPENCR_NODE, POSITION_MODE, lay_out
+from sinew.measure.errors import DeviceError, PortError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
@@ -34,9 +34,6 @@ _CLIMATE = ("present_input_voltage", "present_temperature")
 _GOAL = ("goal_position",)  # just before what is present: four bytes more, and it is known which goal was in force
 _ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", *_GOAL)
 _TOLD_MOST = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
-_FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
-_FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
-_BROKEN_MOST = 3  # fast reads in a row
 _JUST_STARTED_MS = 5000
 _LATEST_S = 0.2  # no answer comes so much later than it was asked for
 _LATE = "its answers come late: they are of an earlier cycle"
@@ -115,17 +112,6 @@ class Reading:
     def impossible(self) -> tuple[str, ...]:
         """Names of devices whose answer was whole and of this time, but cannot be true."""
         return tuple([lack.name for lack in self.lacks if lack.why == "impossible"])
-
-
-ReadKind = Literal["plain", "fast"]
-
-
-@dataclass(frozen=True, slots=True)
-class Reads:
-    """How a cycle asks all devices: a packet from each, or one of all. why: not fast, where that was wanted."""
-
-    kind: ReadKind
-    why: str = ""
 
 
 class _Present:
@@ -228,11 +214,10 @@ class Rig:
         self.bus, self.clock, self.spec = bus, clock, spec
         wiring, limits, supply = spec.wiring, spec.limits, spec.drive.supply_voltage.value
         tendon, drive = (MOTORS[SERVOS[model].number] for model in (wiring.tendon_model, wiring.drive_model))
-        imus = {table.model: table for table in IMUS.values()}
-        if wiring.imu_model not in imus:
+        if wiring.imu_model != OPENCR_NODE.model:
             raise RegisterError(
-                f"rig key wiring.imu_model: there is no register table of {wiring.imu_model!r}; expected one of "
-                f"{', '.join(imus)}"
+                f"rig key wiring.imu_model: there is no register table of {wiring.imu_model!r}; expected "
+                f"{OPENCR_NODE.model}"
             )
         self.tendons = tuple(
             TendonServo(bus, f"tendon {i}", id_, tendon, pull, current_limit=limits.tendon_current_a, supply=supply)
@@ -242,7 +227,7 @@ class Rig:
         # It swings in a mode of one turn: a zero that was read while it counted more is the same place in that one.
         zero = wiring.drive_zero_counts % COUNTS_PER_TURN
         self.drive = DriveServo(bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=zero, window=window)
-        self.imu = Imu(bus, wiring.imu_id, imus[wiring.imu_model], wiring.imu_axes)
+        self.imu = Imu(bus, wiring.imu_id, wiring.imu_axes)
         self.sensors = tuple(SensorReader(bus, sensor) for sensor in spec.sensors)
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
         self.devices: tuple[Motor | Imu | SensorReader, ...] = (*self.motors, self.imu, *self.sensors)
@@ -256,26 +241,20 @@ class Rig:
         self._tendon_presents = tuple(_Present(motor, spec) for motor in self.tendons)
         self._presents = (*self._tendon_presents, self._drive_present)
         self._turns = [self._reads(index) for index in range(2 * len(self._presents))]
-        self._turn = self._broken = 0
+        self._turn = 0
         self._told: deque[dict[int, int]] = deque(maxlen=_TOLD_MOST)
-        self.reads = Reads("plain")
 
     @property
     def cycle_bytes(self) -> int:
         """Return how many bytes are on the wire in one cycle, without stuffing; before a mode is set, at most."""
-        return self.bytes_with(self.reads.kind)
+        return self.bytes_in(self._mode)
 
-    def bytes_with(self, kind: ReadKind, mode: TendonMode | None = None) -> int:
-        """Return `cycle_bytes` with reads of a kind, in a mode of the tendon motors; None: in the one that is set."""
+    def bytes_in(self, mode: TendonMode | None) -> int:
+        """Return `cycle_bytes` in a mode of the tendon motors; None: at most."""
         asked = self._turns[0]
-        if kind == "fast":
-            answers = _FAST_HEAD + sum(read.length + _FAST_EACH for read in asked)
-        else:
-            answers = sum(wire_bytes(read.length, status=True) for read in asked)
-        alone = [] if self.imu.is_grouped else [self.imu.ask.length]
-        lengths = (*alone, *(sensor.row.size for sensor in self.sensors))
-        single = sum(wire_bytes(4) + wire_bytes(length, status=True) for length in lengths)
-        return self._goal_bytes(mode or self._mode) + wire_bytes(5 * len(asked)) + answers + single
+        answers = sum(wire_bytes(read.length, status=True) for read in asked)
+        single = sum(wire_bytes(4) + wire_bytes(sensor.row.size, status=True) for sensor in self.sensors)
+        return self._goal_bytes(mode) + wire_bytes(5 * len(asked)) + answers + single
 
     def _goal_bytes(self, mode: TendonMode | None) -> int:
         if mode == "current":
@@ -287,47 +266,10 @@ class Rig:
         """Return how long the packet with all goals is on the wire [s], without stuffing."""
         return self._goal_bytes(self._mode) * 10 / self.spec.wiring.baud
 
-    def wire_s(self, kind: ReadKind | None = None) -> float:
-        """Return how long the bytes of a cycle are on the wire [s]. kind: of reads; None: those in use."""
-        return self.bytes_with(kind or self.reads.kind) * 10 / self.spec.wiring.baud
-
-    def choose_reads(self, period: float) -> Reads:
-        """Choose how a cycle of so long [s] asks all devices, see the rig's `wiring.reads`, and return it.
-
-        Fast reads are tried first: who does not take part is named, and plain ones are used. Raises PortError.
-        """
-        wanted, share = self.spec.wiring.reads, self.wire_s("plain") / period
-        self._broken = 0
-        if wanted == "plain" or (wanted is None and share <= _FULL_SHARE):
-            self.reads = Reads("plain")
-        elif lacking := self._lacking_fast_reads():
-            self.reads = Reads("plain", f"no fast reads: {'; '.join(lacking)}")
-        else:
-            self.reads = Reads("fast")
-        return self.reads
-
-    def _lacking_fast_reads(self) -> list[str]:
-        """Return who takes no part in fast reads, in words."""
-        lacking = []
-        for motor in self.motors:
-            try:
-                firmware = motor.identify().firmware
-            except TROUBLES:
-                continue
-            if firmware < FAST_READS_FROM:
-                lacking.append(
-                    f"firmware {firmware} of {motor.name} (id {motor.id}) knows them from {FAST_READS_FROM} on; update "
-                    "it with the maker's Wizard"
-                )
-        if lacking or not self.imu.is_grouped:
-            return lacking or [f"the IMU's firmware ({self.imu.table.model}) knows plain reads only"]
-        names = {device.id: f"{device.name} (id {device.id})" for device in self.devices}
-        for _ in range(1 + RETRIES):
-            replies = self.bus.bulk_read(self._turns[0], fast=True, retries=0)
-            silent = [names[device] for device, reply in replies.items() if not reply.ok]
-            if not silent:
-                return []
-        return [f"{silent[0]} does not go on with the common packet; its firmware may not know them"]
+    @property
+    def wire_s(self) -> float:
+        """Return how long the bytes of a cycle are on the wire [s]."""
+        return self.cycle_bytes * 10 / self.spec.wiring.baud
 
     def read(self) -> Reading:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
@@ -337,10 +279,7 @@ class Rig:
         """
         turn, bus = self._turn, self.bus
         self._turn = (turn + 1) % len(self._turns)
-        is_fast = self.reads.kind == "fast"
-        replies = bus.bulk_read(self._turns[turn], fast=is_fast, retries=0)
-        if is_fast:
-            self._give_up_if_broken(replies)
+        replies = bus.bulk_read(self._turns[turn], retries=0)
         time = bus.left_wire + self._return_delay
         drive = self._drive_present.decode(replies[self.drive.id], time)
         tendons = tuple([present.decode(replies[present.id], time) for present in self._tendon_presents])
@@ -368,15 +307,6 @@ class Rig:
         """Return the positions that a motor was told lately, and the register of its goals that may change."""
         by_current = self._mode == "current" and asked is not self._drive_present
         return ([] if by_current else [goals[asked.id] for goals in self._told]), "goal_current" if by_current else ""
-
-    def _give_up_if_broken(self, replies: Mapping[int, Reply]) -> None:
-        """Go over to plain reads where the common packet breaks off again and again: one who is silent silences all
-        behind him."""
-        silent = next((device for device, reply in replies.items() if not reply.ok), None)
-        self._broken = 0 if silent is None else self._broken + 1
-        if self._broken >= _BROKEN_MOST:
-            name = next(device.name for device in self.devices if device.id == silent)
-            self.reads = Reads("plain", f"fast reads were given up: the common packet broke off at {name}")
 
     def _lacks(self, replies: Mapping[int, Reply], found: Sequence[MotorReading | ImuReading | None]) -> Iterator[Lack]:
         """Yield why devices gave no reading. found: what they gave, motors first, then the IMU."""
@@ -513,25 +443,14 @@ class Rig:
         """Return what is asked in a cycle, in the order of the answers."""
         more = [p.ask_orders if turn % 2 else p.ask_climate for p in self._presents]
         asked = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
-        sensor = [self.imu.ask] if self.imu.is_grouped else []
-        return [asked[-1], *sensor, *asked[:-1]]
+        return [asked[-1], self.imu.ask, *asked[:-1]]
 
     def _imu_reading(self, replies: dict[int, Reply], time: float) -> ImuReading | None:
-        """Return what the IMU says, asked now where it takes no part in the read of all."""
-        imu = self.imu
-        if imu.is_grouped:
-            before = replies[self.drive.id]
-            # It answers behind the drive; where the drive was silent, its own clock says when.
-            is_fast = self.reads.kind == "fast"
-            bytes_ = (
-                _FAST_HEAD + _FAST_EACH + len(before.data) if is_fast else wire_bytes(len(before.data), status=True)
-            )
-            behind = bytes_ * 10 / self.bus.timing.baud
-            answered = time + behind if before.ok else math.nan
-        else:
-            replies[imu.id] = self.bus.read(imu.id, imu.ask.address, imu.ask.length, retries=0)
-            answered = self.bus.left_wire
-        return imu.decode(replies[imu.id], answered)
+        """Return what the IMU says. It answers behind the drive; where that was silent, its own clock says when."""
+        before = replies[self.drive.id]
+        behind = wire_bytes(len(before.data), status=True) * 10 / self.bus.timing.baud
+        answered = time + behind if before.ok else math.nan
+        return self.imu.decode(replies[self.imu.id], answered)
 
 
 class _NoPort:
@@ -547,11 +466,11 @@ class _NoPort:
         pass
 
 
-def wire_s(spec: RigSpec, mode: TendonMode, kind: ReadKind) -> float:
+def wire_s(spec: RigSpec, mode: TendonMode) -> float:
     """Return how long the bytes of a cycle of a rig are on the wire [s], without stuffing; nobody is asked.
 
-    mode: of the tendon motors. kind: of reads.
+    mode: of the tendon motors.
     """
     clock = MonotonicClock()
     rig = Rig(Bus(_NoPort(), clock), clock, spec)
-    return rig.bytes_with(kind, mode) * 10 / spec.wiring.baud
+    return rig.bytes_in(mode) * 10 / spec.wiring.baud

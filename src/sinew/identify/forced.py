@@ -18,21 +18,20 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import jax
 import numpy as np
 
-from sinew.identify.oscillator.fitted import Fit, Fitted, reached
-from sinew.identify.oscillator.model import Model, free_mechanics, get_model
+from sinew.identify.oscillator.model import Fit, Fitted, Model, free_mechanics, get_model, reached
 from sinew.identify.oscillator.record import Excitation, derivative_order, relaxation_of
 from sinew.identify.stepped.fit import ResponseFit
 from sinew.identify.stepped.oscillation import Laws, driven, push_needed
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, interval, number
-from sinew.measure.told import Table, Told
-from sinew.measure.units import convert
+from sinew.measure.result import Column, Field, Result, Table
+from sinew.measure.units import convert, with_unit
 from sinew.mechanics.laws import NUMBERS, Cycle, LossFactor
 from sinew.mechanics.silicone import relaxation_times
 from sinew.predict.band import Band, Marked, Tube, band_of, estimate_of_deviations, factor_of
@@ -49,65 +48,53 @@ Progress = Callable[[float, float], None]
 # What a fit says of its law is put down, so that a file holds it.
 
 
-@dataclass(frozen=True)
-class Mechanics:
-    """A law over the inertia, as a fit knows it.
+@dataclass(frozen=True, repr=False)
+class Mechanics(Result):
+    """A law over the inertia, as a fit knows it, and as a file of it holds it.
 
     model: its name in `sn.MODELS`. excitation: of the record. unit: of the motion; input_unit: of the input, of a base
-    or lever that of its motion. names: of the law's numbers, and gain where there is one; values: SI, shape (k,);
-    covariance: shape (k, k), infinite where the record tells nothing. degrees_of_freedom: behind it. largest: amplitude
-    of the motion that was seen. unit_said, input_unit_said: what people have both in; "" where nobody said.
+    or lever that of its motion. numbers: the law's, k of them, and gain where there is one, SI. covariance: shape
+    (k, k), infinite where the record tells nothing. degrees_of_freedom: behind it. largest: amplitude of the motion
+    that was seen, NaN where none was. unit_said, input_unit_said: what people have both in; "" where nobody said.
     """
 
-    model: str
-    excitation: Excitation
-    unit: str
-    input_unit: str
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    degrees_of_freedom: float
-    largest: float
-    unit_said: str = ""
-    input_unit_said: str = ""
+    model: Annotated[str, Field("", "detail")]
+    excitation: Annotated[Excitation, Field("", "detail")]
+    unit: Annotated[str, Field("", "detail")]
+    input_unit: Annotated[str, Field("", "detail")]
+    numbers: Annotated[Mapping[str, float], Field("", "detail")]
+    covariance: Column
+    degrees_of_freedom: Annotated[float, Field("", "detail")]
+    largest: Annotated[float, Field("", "detail")]
+    unit_said: Annotated[str, Field("", "detail")] = ""
+    input_unit_said: Annotated[str, Field("", "detail")] = ""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return it as a document holds it; what is not finite is null."""
-        return {
-            "excitation": self.excitation,
-            "unit": self.unit,
-            "input_unit": self.input_unit,
-            "numbers": {name: finite(value) for name, value in zip(self.names, self.values, strict=True)},
-            "covariance": [[finite(one) for one in row] for row in self.covariance],
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "largest": finite(self.largest),
-            "unit_said": self.unit_said,
-            "input_unit_said": self.input_unit_said,
-        }
+    @property
+    def values(self) -> Array:
+        """Return the numbers, shape (k,)."""
+        return np.array(list(self.numbers.values()), dtype=float)
 
     def value(self, name: str) -> float:
         """Return one number; zero for one that the law has not."""
-        return float(self.values[self.names.index(name)]) if name in self.names else 0.0
+        return self.numbers.get(name, 0.0)
 
 
 def mechanics_of(fit: Fitted) -> Mechanics:
-    """Return what a fit, in time or to steady states, says of its law; of several groups the first."""
+    """Return what a fit, in time or to steady states, says of its law."""
     assert isinstance(fit, (Fit, ResponseFit))
     layout = fit.layout.layout if isinstance(fit, ResponseFit) else fit.layout
     part = layout.parts[0]
     record, sought = part.record, free_mechanics(layout.model, part.record)
-    own = [k for k, one in enumerate(layout.entries) if one.local in sought and one.group in ("", record.group)]
-    names = tuple(layout.entries[k].local for k in own)
+    own = [k for k, one in enumerate(layout.entries) if one.local in sought]
+    names = [layout.entries[k].local for k in own]
     scale = np.array([part.scales.physical(name) for name in names])
-    covariance = fit.covariance.matrix[np.ix_(own, own)] * np.outer(scale, scale)
     return Mechanics(
         layout.model.name,
         record.excitation,
         record.motion_unit,
         record.input_motion_unit,
-        names,
-        fit.solution.values[own] * scale,
-        covariance,
+        dict(zip(names, (fit.solution.values[own] * scale).tolist(), strict=True)),
+        fit.covariance.matrix[np.ix_(own, own)] * np.outer(scale, scale),
         float(fit.covariance.degrees_of_freedom),
         _largest(fit),
         record.motion_said,
@@ -146,28 +133,16 @@ def read_mechanics(source: Mapping[str, Any] | str | Path) -> Mechanics:
             f"{name} is the fit of a whole tendon joint; make a rig of the recording with sinew calibrate and predict "
             "that"
         )
-    held = document.get("mechanics")
-    if held is None:
+    if document.get("mechanics") is None:
         raise SpecError(f"{name} does not hold its mechanics with their covariance; identify anew")
-    if held["largest"] is None:
+    known = Mechanics.from_dict({"model": document["model"], **document["mechanics"]})
+    if math.isnan(known.largest):
         raise SpecError(
             f"{name} does not say how far its motion went: a rate was recorded, and no spring gives it a frequency; "
             "no resonance follows from it"
         )
-    unknown = [[np.inf if one is None else one for one in row] for row in held["covariance"]]
-    return Mechanics(
-        document["model"],
-        held["excitation"],
-        held["unit"],
-        held["input_unit"],
-        tuple(held["numbers"]),
-        np.array([np.nan if one is None else one for one in held["numbers"].values()], dtype=float),
-        np.array(unknown, dtype=float),
-        float(held["degrees_of_freedom"]),
-        float(held["largest"]),
-        held.get("unit_said", ""),
-        held.get("input_unit_said", ""),
-    )
+    unknown = [[np.inf if one is None else one for one in row] for row in known.covariance]
+    return replace(known, covariance=np.array(unknown, dtype=float))
 
 
 # What is asked of it.
@@ -221,7 +196,7 @@ def drive_shown(known: Mechanics, kind: Kind, unit: str = "", *, through: bool) 
 
 
 @dataclass(frozen=True, repr=False)
-class Forced(Told):
+class Forced(Result):
     """What a fit is predicted to do under several levels of a drive.
 
     mechanics: its law. kind: of the drive. levels: curves with bands, in the units of the fit. gain: acceleration of
@@ -242,7 +217,7 @@ class Forced(Told):
     harmonics: int
     remarks: tuple[str, ...]
 
-    def document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return it as JSON holds it, amplitudes and levels as they are shown."""
         through = None
         if self.through is not None:
@@ -269,9 +244,22 @@ class Forced(Told):
             "remarks": list(self.remarks),
         }
 
-    def told(self) -> list[Table | str]:
+    def blocks(self) -> list[Table | str]:
         """Return a row for each level, with 90 % intervals, and what to know of them."""
-        return forced_told(self.document())
+        title = f"forced response of model {self.mechanics.model}, 90 % intervals from {self.count} draws"
+        drive, amplitude = (
+            with_unit(what, one.unit) for what, one in ((self.kind, self.drive), ("amplitude", self.motion))
+        )
+        rows = []
+        for level in self.levels:
+            band, shown = level.band, number(self.drive.factor * level.level)
+            places = (("peak", band.peak), ("90° of phase", band.phase_90), *(("fold", fold) for fold in band.folds))
+            rows += [(shown, words, *_intervals(mark, self.motion.factor)) for words, mark in places]
+        return [
+            Table((drive, "at", "frequency/Hz", amplitude), rows, title),
+            *(f"- {sentence}" for sentence in self.remarks),
+            f"{self.harmonics} harmonics, error estimate {self.error_estimate:.1e}",
+        ]
 
 
 def predict_fit(
@@ -385,7 +373,7 @@ def _gain_from(known: Mechanics, kind: Kind, point: Through | None) -> Literal["
     if point is not None:
         return "point"
     alike = ("force", "torque") if kind == "torque" else ("base", "lever")
-    if known.excitation in alike and "gain" in known.names:
+    if known.excitation in alike and "gain" in known.numbers:
         return "fit"
     if kind == "base":
         return "unit"
@@ -403,28 +391,29 @@ def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
     Raises SpecError where a number is not known, or cannot be.
     """
     lost = {number.name for term in model.law.losses.terms for number in term.numbers}
-    kept = [k for k, name in enumerate(known.names) if name != "gain" or wanted]
-    values = known.values[kept].copy()
+    kept = [k for k, name in enumerate(known.numbers) if name != "gain" or wanted]
     covariance = known.covariance[np.ix_(kept, kept)]
-    names = tuple(known.names[k] for k in kept)
-    for k, name in enumerate(names):
+    numbers = {name: value for name, value in known.numbers.items() if name != "gain" or wanted}
+    for (name, value), variance in zip(known.numbers.items(), np.diag(known.covariance), strict=True):
+        if name not in numbers:
+            continue
         word = NUMBERS[name].word if name in NUMBERS else "gain"
-        if not (np.isfinite(values[k]) and np.isfinite(covariance[k, k])):
+        if not (np.isfinite(value) and np.isfinite(variance)):
             raise SpecError(f"this fit does not determine the {word}, so no response follows from it; record more")
-        if name in NUMBERS and NUMBERS[name].positive and values[k] <= 0:
-            if len(lost) > 1 and name in lost and values[k] + 2 * math.sqrt(covariance[k, k]) > 0:
-                values[k] = 0.0
+        if name in NUMBERS and NUMBERS[name].positive and value <= 0:
+            if len(lost) > 1 and name in lost and value + 2 * math.sqrt(variance) > 0:
+                numbers[name] = 0.0
             else:
                 raise SpecError(
-                    f"the {word} of this fit is {values[k]:.3g}, which nothing has; identify with another model"
+                    f"the {word} of this fit is {value:.3g}, which nothing has; identify with another model"
                 )
-    return replace(known, names=names, values=values, covariance=covariance)
+    return replace(known, numbers=numbers, covariance=covariance)
 
 
 def _drawn(known: Mechanics, count: int, rng: np.random.Generator) -> tuple[Array, list[str]]:
     """Return laws as likely as the fit says, (count, k), and what to know of them."""
     factor, kept, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
-    positive = np.array([name in NUMBERS and NUMBERS[name].positive for name in known.names])
+    positive = np.array([name in NUMBERS and NUMBERS[name].positive for name in known.numbers])
     freedom = known.degrees_of_freedom
     while len(kept) < count:
         tried += count
@@ -462,7 +451,7 @@ class _Normal:
     def numbers(self, values: Array) -> Array:
         """Return numbers as `sinew.identify.stepped.oscillation` takes them, with a gain of one, (n, l)."""
         found = np.zeros((len(values), len(self.laws.names)))
-        for column, name in zip(values.T, self.known.names, strict=True):
+        for column, name in zip(values.T, self.known.numbers, strict=True):
             if name in NUMBERS:
                 fast, far = NUMBERS[name].scale
                 found[:, self.laws.names.index(name)] = column / (self.omega**fast * self.size**far)
@@ -499,8 +488,8 @@ def _gains(
     """Return the gain of each law, (n,), NaN where a drawn one does not reach the point, and sentences."""
     known = normal.known
     if point is None:
-        if "gain" in known.names:
-            return np.abs(values[:, known.names.index("gain")]), []
+        if "gain" in known.numbers:
+            return np.abs(values[:, list(known.numbers).index("gain")]), []
         return np.ones(len(values)), []
     omega = 2 * np.pi * point.frequency_hz / normal.omega
     amplitude = np.full(len(values), point.amplitude)
@@ -640,7 +629,7 @@ def _of_bands(levels: Sequence[Level], drive: Shown) -> tuple[str, ...]:
     return tuple(told)
 
 
-# It becomes JSON, and tables.
+# It becomes JSON.
 
 
 def _mark(one: Mark | None, factor: float) -> dict[str, float] | None:
@@ -688,39 +677,10 @@ def _band(band: Band, factor: float) -> dict[str, Any]:
     }
 
 
-def forced_told(document: Mapping[str, Any]) -> list[Table | str]:
-    """Return a row for each level of a document: peak, point of 90° and folds with 90 % intervals, and the remarks."""
-    unit, drive = ("" if one == "1" else one for one in (document["unit"], document["drive"]["unit"]))
-    rows = []
-    for one in document["levels"]:
-        band = one["band"]
-        folds = "; ".join(_cell(fold) for fold in band["folds"]) or "none"
-        rows.append((number(one["level"]), *_pair(band["peak"]), _cell(band["phase_90"]), folds))
-    columns = (
-        f"{document['drive']['kind']}{f'/{drive}' if drive else ''}",
-        "peak/Hz",
-        f"amplitude{f'/{unit}' if unit else ''}",
-        "90° of phase",
-        "folds",
-    )
-    title = f"forced response of model {document['model']}, 90 % intervals from {document['draws']['count']} draws"
-    error = f"error estimate {document['error_estimate']:.1e}"
-    return [
-        Table(columns, rows, title),
-        *(f"- {sentence}" for sentence in document["remarks"]),
-        f"{document['harmonics']} harmonics, {error}",
-    ]
-
-
-def _pair(mark: Mapping[str, Any] | None) -> tuple[str, str]:
+def _intervals(mark: Marked | None, factor: float) -> tuple[str, str]:
     if mark is None:
         return "-", "-"
-    told = []
-    for one in (mark["frequency_hz"], mark["amplitude"]):
-        low, high = one["interval90"]
-        told.append(interval(one["value"], low, high))
-    return told[0], told[1]
-
-
-def _cell(mark: Mapping[str, Any] | None) -> str:
-    return "-" if mark is None else ", ".join(_pair(mark))
+    frequency, amplitude = mark.frequency_hz, mark.amplitude.times(factor)
+    return interval(frequency.value, frequency.low, frequency.high), interval(
+        amplitude.value, amplitude.low, amplitude.high
+    )

@@ -1,43 +1,46 @@
 """What records tell of the mechanics behind them: the fit, the document of `sinew identify`, and its tables."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import xarray as xr
 
 from sinew.analysis.analysed import recording_rig
 from sinew.analysis.signal.signals import read_signals, torsion_delay
-from sinew.identify.choice.comparison import (
+from sinew.identify.forced import Forced, Mechanics, Through, mechanics_of, predict_fit
+from sinew.identify.joint.fit import JointFit, fit_joint
+from sinew.identify.oscillator.comparison import (
     Comparison,
     HeldOut,
+    Progress,
     Split,
     compare,
     compare_laws,
     compare_segments,
     impossible_numbers,
+    laws_to_try,
     split_record,
 )
-from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
-from sinew.identify.choice.input_noise import silenced, warn_of_noise, widen, window_force
-from sinew.identify.forced import Forced, Through, mechanics_of, predict_fit
-from sinew.identify.joint.fit import JointFit, fit_joint
-from sinew.identify.oscillator.bootstrap import bootstrap_repeats
-from sinew.identify.oscillator.fitted import Fit, Fitted
-from sinew.identify.oscillator.model import Model, get_model
-from sinew.identify.oscillator.profile import interval90
+from sinew.identify.oscillator.diagnosis import (
+    refuse_hopeless,
+    silenced,
+    suspicions,
+    warn_of_noise,
+    widen,
+    window_force,
+)
+from sinew.identify.oscillator.model import Fit, Fitted, Model, get_model
 from sinew.identify.oscillator.record import Excitation, Record, cut_to, free_part, make_record, telling, unwrapped
-from sinew.identify.stepped.curves import peak_of_response, resonance_by_level
-from sinew.identify.stepped.fit import ResponseFit, fit_response
+from sinew.identify.stepped.fit import LevelPeak, ResponseFit, fit_response, peak_of_response
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.errors import RecordingError, SinewError, SpecError
-from sinew.measure.estimate import Estimate, finite, number, shown, span
+from sinew.measure.estimate import Estimate, finite
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import Segment, cut_recording
-from sinew.measure.told import Table, Told
-from sinew.mechanics.laws import NUMBERS, TERMS, Viscous
+from sinew.measure.result import Field, Result, Rows
+from sinew.mechanics.laws import TERMS, Pendulum, Quadratic, Viscous
 from sinew.plan.rig import RigSpec
 from sinew.solve.programs import configure
 
@@ -45,59 +48,68 @@ if TYPE_CHECKING:
     from sinew.identify.oscillator.posterior import Posterior
 
 Range = tuple[int, int]
-Progress = Callable[[float, float], None]
 
-_LAWS = ("linear", "loss-factor", "coulomb", "drag", "cubic", "loss-factor-cubic", "coulomb-cubic", "drag-cubic")
+_LAWS = tuple(one for one in laws_to_try() if not one.law.has(Quadratic) and not one.law.has(Pendulum))
 """What competes for segments and steady states. A quadratic term is asked for by name: a rig's tendons are the same to
 both sides, and a fundamental hardly shows it."""
 
-_TITLES = {
-    "profile": "by profile likelihood",
-    "posterior": "posterior",
-    "bootstrap": "by bootstrap over repeats",
-}
+
+@dataclass(frozen=True, repr=False)
+class Residuals(Result):
+    """Root mean square of what a fit leaves, in the unit of the record: where it was fitted, and where held out."""
+
+    train: Annotated[float, Field("rms residual where it was fitted", "sentence", "[unit]")]
+    test: Annotated[float | None, Field("rms residual where it was held out", "sentence", "[unit]")]
 
 
 @dataclass(frozen=True, repr=False)
-class Identified(Told):
+class ComparedModel(Result):
+    """A model that competed: its held-out residual in the unit of the record, and Bayes' criterion."""
+
+    model: Annotated[str, Field("compared")]
+    rmse_test: Annotated[float | None, Field("held-out rmse", unit="[unit]")]
+    bic: Annotated[float | None, Field("BIC")]
+
+
+@dataclass(frozen=True, repr=False)
+class Identified(Result):
     """What was found, and what it was found from.
 
-    document: as `sinew identify --json` prints it. sentences: those of its `message`, the verdict first.
-    fit: of one degree of freedom, or None. split, held_out: of one record, what was held out and how it was predicted.
-    joint: of the tendon joint, or None. posterior: draws, where they were asked for. response: of a stepped sine.
+    parameters: of the law, by name with its unit. message: `sentences` in one line. mechanics: the law with its
+    covariance, as `sn.predict` of a fit takes it. compared: what competed, the best first. peaks: of each level of a
+    stepped sine. posterior: the numbers by the draws of NUTS, where they were asked for; draws: those.
+    sentences: the verdict first. fit: of one degree of freedom, or None. split, held_out: of one record, what was held
+    out and how it was predicted. joint: of the tendon joint, or None. response: of a stepped sine.
     """
 
-    document: dict[str, Any]
-    sentences: tuple[str, ...]
+    model: Annotated[str, Field("", "detail")]
+    natural_frequency_hz: Annotated[Estimate, Field("natural frequency")]
+    damping_ratio: Annotated[Estimate, Field("damping ratio")]
+    parameters: Annotated[Mapping[str, Estimate], Field("")]
+    rmse: Annotated[Residuals, Field("")]
+    unit: Annotated[str, Field("", "detail")]
+    converged: Annotated[bool, Field("", "detail")]
+    message: Annotated[str, Field("", "detail")]
+    unidentifiable: Annotated[tuple[str, ...], Field("", "sentence")]
+    compared: Annotated[Rows[ComparedModel], Field("")]
+    mechanics: Annotated[Mechanics | None, Field("", "detail")] = None
+    peaks: Annotated[Rows[LevelPeak] | None, Field("")] = None
+    posterior: Annotated[Mapping[str, Estimate] | None, Field("", "detail")] = None
+    sentences: tuple[str, ...] = ()
     fit: Fit | None = None
     split: Split | None = None
     held_out: HeldOut | None = None
     joint: JointFit | None = None
-    posterior: "Posterior | None" = None
+    draws: "Posterior | None" = None
     response: ResponseFit | None = None
 
-    def told(self) -> list[Table | str]:
-        """Return the numbers, the models that were compared, and the sentences, the verdict first."""
-        document = self.document
-        both = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")}
-        told: list[Table | str] = [_quantities(f"model {document['model']}", both | document["parameters"])]
-        told += [_quantities(title, document[key]) for key, title in _TITLES.items() if document.get(key)]
-        unit = "" if document["unit"] == "1" else f"/({document['unit']})"
-        if document["compared"]:
-            compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
-            told.append(Table(("compared", f"held-out rmse{unit}", "BIC"), compared))
-        if peaks := document.get("peaks"):
-            names = ("frequency_hz", "gain", "phase_90_hz")
-            cells = [(number(one["input_amplitude"]), *(shown(one[name]) for name in names)) for one in peaks]
-            told.append(Table(("drive", "peak/Hz", "gain", "90° of lag/Hz"), cells))
-        verdict, *rest = self.sentences
-        train, test = document["rmse"]["train"], document["rmse"]["test"]
-        held = "" if test is None else f", {number(test)} where it was held out"
-        told += [
-            f"{verdict[:1].upper()}{verdict[1:]}.",
-            f"- residuals{unit}: {number(train)} rms where it was fitted{held}",
-        ]
-        return told + [f"- {sentence}" for sentence in (*rest, *document["unidentifiable"])]
+    def heading(self) -> str:
+        """Return the model's name."""
+        return f"model {self.model}"
+
+    def closing(self) -> list[str]:
+        """Return the verdict and what else there is to know, a sentence each."""
+        return [f"{one[:1].upper()}{one[1:]}." for one in self.sentences if one]
 
     def predict(
         self,
@@ -117,7 +129,7 @@ class Identified(Told):
         decay tells nothing of a push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
         """
         return predict_fit(
-            self.document,
+            self.to_dict(),
             torque=torque,
             base=base,
             through=through,
@@ -126,11 +138,6 @@ class Identified(Told):
             seed=seed,
             progress=progress,
         )
-
-
-def _quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> Table:
-    cells = [(name, shown(one), span(*(one["interval90"] or (None, None)))) for name, one in quantities.items()]
-    return Table((title, "value ± std", "90 % interval"), cells)
 
 
 def identify(
@@ -144,8 +151,6 @@ def identify(
     stop_s: float | None = None,
     train: Range | None = None,
     test: Range | None = None,
-    profile: bool = False,
-    bootstrap: int | None = None,
     posterior: bool = False,
     chain: Sequence[str] = (),
     seed: int = 0,
@@ -160,8 +165,7 @@ def identify(
     else its smallest. rig: where model tendon begins; else the recording's own.
     start_s, stop_s: the stretch to take, in the record's own time [s]; without them, and without train and test, the
     free part of a free decay is found. train, test: samples of that stretch to fit and to predict, indices from 0, half
-    open; else every fourth block is held out once. profile, bootstrap (number of draws), posterior (NUTS, minutes):
-    intervals in another way, added.
+    open; else every fourth block is held out once. posterior: intervals by NUTS are added, in minutes.
     chain: what else the measuring chain of steady states may add: phase, background_real, background_imag.
     seed: of draws. progress: called with (done, total).
     Raises RecordingError where the record tells nothing, SpecError where it does not go with what is asked.
@@ -182,9 +186,8 @@ def identify(
     """
     if isinstance(record, (str, Path)):
         record = load_recording(record)
-    asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
-    asked |= {"start_s": start_s, "stop_s": stop_s}
-    asked |= {"profile": profile or None, "posterior": posterior or None, "chain": chain or None}
+    asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm}
+    asked |= {"start_s": start_s, "stop_s": stop_s, "posterior": posterior or None, "chain": chain or None}
     given = [name for name, value in asked.items() if value is not None]
     if model == "tendon":
         if not isinstance(record, xr.Dataset):
@@ -193,10 +196,13 @@ def identify(
             raise SpecError(f"{given[0]} does not go with model tendon, which is fitted to all of a recording")
         if excitation not in (None, "lever"):
             raise SpecError(f"the excitation is {excitation}, but a rig is driven by its lever; leave it out")
-        return identified_joint(fit_joint([record], joint_rig(record, rig), progress=progress))
+        begin = recording_rig(record, rig)
+        if begin is None:
+            raise SpecError("model tendon needs a rig and the recording names none; name one")
+        return identified_joint(fit_joint([record], begin, progress=progress))
     if isinstance(record, xr.Dataset):
         cut = cut_recording(record, start_s, stop_s)
-        records = recording_records(cut, excitation, pretension_mm, repeats=bootstrap is not None)
+        records = recording_records(cut, excitation, pretension_mm)
         foreign = record.attrs.get("source") == "import"
     else:
         several: list[Record | ResponsePoints]
@@ -223,22 +229,15 @@ def identify(
             remarks = (f"the fit probably starts before the release; try --start {free.time_s[0]:.4g}",)
     remarks = (*remarks, *unit_remarks(records[0]), *records[0].notes)
     found = find_mechanics(records, model, train, test, remarks=remarks, progress=progress)
-    if profile:
-        found = add_profiles(found, progress)
-    if bootstrap is not None:
-        found = add_bootstrap(found, bootstrap, seed, progress)
-    return add_posterior(found, seed, progress) if posterior else found
+    if not posterior:
+        return found
+    from sinew.identify.oscillator.posterior import sample_posterior  # numpyro, where it is installed
 
-
-def joint_rig(recording: xr.Dataset, rig: RigSpec | str | Path | None) -> RigSpec:
-    """Return the rig that model tendon begins with: the one that was named, else the recording's.
-
-    Raises SpecError where there is none.
-    """
-    found = recording_rig(recording, rig)
-    if found is None:
-        raise SpecError("model tendon needs a rig and the recording names none; name one")
-    return found
+    assert found.fit is not None
+    # Of two chains: intervals to a tenth of a standard deviation.
+    sampled = sample_posterior(found.fit, seed=seed, draws=500, warmup=300, progress=progress)
+    said = (*found.sentences, f"posterior: {sampled.message}")
+    return replace(found, posterior=sampled.estimates, draws=sampled, message="; ".join(said), sentences=said)
 
 
 def find_mechanics(
@@ -288,7 +287,7 @@ def _of_segments(
 ) -> Identified:
     """Return what several segments of a rig with the same mechanics tell; every third is held out in turn."""
     models = _LAWS if wanted is None else (wanted,)
-    compared = compare_segments(records, models, varying=(), progress=progress)
+    compared = compare_segments(records, models, progress)
     levels = dict.fromkeys(record.group.split(",")[0] for record in records)
     told = f"{len(records)} segments at {' and '.join(levels)} were fitted together, each third of them held out once"
     return _of_comparison(compared, [told, *remarks])
@@ -303,13 +302,11 @@ def _of_comparison(compared: Comparison, remarks: Sequence[str]) -> Identified:
         *_impossible(best),
         *suspicions(best, compared=len(compared.rows) > 1),
     ]
-    rows = [
-        {"model": one.model.name, "rmse_test": finite(one.rmse_test), "bic": finite(one.bic)} for one in compared.rows
-    ]
-    return Identified(_fit_part(best, row.rmse_test, told) | {"compared": rows}, tuple(told), fit=best)
+    rows = Rows(ComparedModel(one.model.name, finite(one.rmse_test), finite(one.bic)) for one in compared.rows)
+    return replace(_identified(best, row.rmse_test, told, rows), fit=best)
 
 
-# What a stepped sine tells: models compared, the mechanics, where it resonates, how that moves with the drive.
+# What a stepped sine tells: models compared, the mechanics, where it resonates.
 
 _GAIN, _CLOSE = 2.0, 6.0  # of the criterion: what a term more has to gain; odds of 20 to 1
 
@@ -318,14 +315,14 @@ def _of_points(
     groups: Sequence[ResponsePoints], model: str, chain: Sequence[str], progress: Progress | None
 ) -> Identified:
     """Return the mechanics behind one stepped sine, or several levels of it with the same mechanics."""
-    names = _LAWS if model == "auto" else (model,)
+    models = _LAWS if model == "auto" else (get_model(model),)
     fits: list[ResponseFit] = []
     refused: SinewError | None = None
-    for done, name in enumerate(names):
+    for done, one in enumerate(models):
         if progress is not None:
-            progress(done, len(names))
+            progress(done, len(models))
         try:
-            fits.append(fit_response(groups, name, chain=chain))
+            fits.append(fit_response(groups, one, chain=chain))
         except (RecordingError, SpecError) as error:
             refused = refused or error
     if not fits:
@@ -333,20 +330,15 @@ def _of_points(
         raise refused
     best, verdict = _chosen(fits, compared=model == "auto")
     peaks = [peak_of_response(best, part=part) for part in range(len(groups))]
-    levels, moved = _levels(groups, "phase" in chain)
-    told = [verdict, *moved, *groups[0].notes, best.message, *best.tests.sentences()]
+    told = [verdict, *groups[0].notes, best.message, *best.tests.sentences()]
     told += [f"at a drive of {one.input_amplitude:.3g}: {one.reason}" for one in peaks if one.reason]
     ranked = sorted(fits, key=lambda fit: (fit is not best, fit.bic()))
-    keys = ("frequency_hz", "gain", "phase_90_hz")
-    document = _fit_part(best, None, told) | {
-        "compared": [{"model": one.model.name, "rmse_test": None, "bic": one.bic()} for one in ranked],
-        "peaks": [
-            {"input_amplitude": one.input_amplitude} | {key: getattr(one, key).to_json() for key in keys}
-            for one in peaks
-        ],
-        "levels": levels,
-    }
-    return Identified(document, tuple(told), response=best)
+    rows = Rows(ComparedModel(one.model.name, None, one.bic()) for one in ranked)
+    return replace(
+        _identified(best, None, told, rows),
+        peaks=Rows(peaks),
+        response=best,
+    )
 
 
 def _chosen(fits: Sequence[ResponseFit], *, compared: bool) -> tuple[ResponseFit, str]:
@@ -371,18 +363,6 @@ def _terms(fit: ResponseFit) -> frozenset[str]:
     return frozenset(fit.model.mechanics(fit.points[0].excitation))
 
 
-def _levels(groups: Sequence[ResponsePoints], turned: bool) -> tuple[dict[str, object] | None, list[str]]:
-    """Return how the resonance moves with the level, without a law for it, and a sentence; None for one level."""
-    if len(groups) < 2:
-        return None, []
-    try:
-        found = resonance_by_level(groups, turned=turned)
-    except RecordingError as error:
-        return None, [f"the levels one by one tell no resonance: {error}"]
-    estimates = {"shift_hz": found.shift_hz.to_json(), "bend_hz": found.bend_hz.to_json()}
-    return {"verdict": found.verdict, **estimates}, [f"without a law: {found.verdict}"]
-
-
 def _impossible(best: Fit) -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
     words = {n.name: n.word for term in TERMS if term.lost and not isinstance(term, Viscous) for n in term.numbers}
@@ -400,21 +380,20 @@ def identified_joint(joint: JointFit) -> Identified:
     at = f"natural frequency and damping ratio are those at {joint.pretension_mm[0]:g} mm"
     told = (f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message)
     named = dict(zip(joint_names(joint), joint.parameters.values(), strict=True))
-    document = {
-        "model": "tendon",
-        "parameters": _json(named | joint.derived),
-        **{
-            name: joint.at_pretension(name, joint.pretension_mm[0]).to_json()
-            for name in ("natural_frequency_hz", "damping_ratio")
-        },
-        "rmse": {"train": finite(joint.rmse["gyro_rad_s"]), "test": None},
-        "unit": "rad/s",
-        "converged": joint.converged,
-        "message": "; ".join(told),
-        "unidentifiable": list(joint.unidentifiable),
-        "compared": [],
-    }
-    return Identified(document, told, joint=joint)
+    return Identified(
+        model="tendon",
+        natural_frequency_hz=joint.at_pretension("natural_frequency_hz", joint.pretension_mm[0]),
+        damping_ratio=joint.at_pretension("damping_ratio", joint.pretension_mm[0]),
+        parameters=named | joint.derived,
+        rmse=Residuals(joint.rmse["gyro_rad_s"], None),
+        unit="rad/s",
+        converged=joint.converged,
+        message="; ".join(told),
+        unidentifiable=tuple(joint.unidentifiable),
+        compared=Rows(),
+        sentences=told,
+        joint=joint,
+    )
 
 
 def joint_names(joint: JointFit) -> tuple[str, ...]:
@@ -429,83 +408,28 @@ def _with_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name}_{token}"
 
 
-def _fit_part(best: Fitted, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
-    return {
-        "model": best.model.name,
-        "parameters": _json(best.parameters | (best.nuisance if isinstance(best, ResponseFit) else {})),
-        "natural_frequency_hz": best.natural_frequency_hz.to_json(),
-        "damping_ratio": best.damping_ratio.to_json(),
-        "rmse": {"train": finite(best.rmse), "test": None if rmse_test is None else finite(rmse_test)},
-        "unit": best.unit,
-        "converged": best.converged,
-        "message": "; ".join(told),
-        "unidentifiable": list(best.unidentifiable),
-        "mechanics": mechanics_of(best).to_json(),
-    }
-
-
-# What is asked for beside the fit is added: profiles, a bootstrap over repeats, a posterior.
-
-_NONLINEAR = tuple(name for name in NUMBERS if name not in ("stiffness", "damping"))
-_DRAWS, _WARMUP = 500, 300  # of each of two chains: intervals to a tenth of a standard deviation
-
-
-def add_profiles(found: Identified, progress: Progress | None = None) -> Identified:
-    """Return it with the key `profile`: intervals of the nonlinear numbers by their profile likelihood, by name."""
-    fit = _fit_of(found, "a profile")
-    chosen = [name for name in fit.parameters if name.startswith(_NONLINEAR)]
-    sentences = [] if chosen else [f"model {fit.model.name} has no nonlinear number to profile"]
-    told: dict[str, Any] = {}
-    for done, name in enumerate(chosen):
-        if progress is not None:
-            progress(done, len(chosen))
-        interval = interval90(fit, name)
-        if interval is None:
-            sentences.append(f"the profile of {name} bounds it on neither side")
-            continue
-        told[name] = interval.to_json()
-        for end, side in ((interval.low, "below"), (interval.high, "above")):
-            if not math.isfinite(end):
-                sentences.append(f"the profile of {name} does not bound it {side}")
-    return _with(found, "profile", told, sentences)
-
-
-def add_bootstrap(found: Identified, resamples: int, seed: int = 0, progress: Progress | None = None) -> Identified:
-    """Return it with the key `bootstrap`: the numbers with the intervals that the scatter of whole repeats gives."""
-    fit = _fit_of(found, "a bootstrap")
-    scatter = bootstrap_repeats(fit.records, fit.model, resamples=resamples, seed=seed, progress=progress)
-    return _with(found, "bootstrap", _json(scatter.estimates), [f"bootstrap: {scatter.message}"])
-
-
-def add_posterior(found: Identified, seed: int = 0, progress: Progress | None = None) -> Identified:
-    """Return it with the key `posterior`: the numbers by the draws of NUTS. Needs the extra posterior."""
-    from sinew.identify.oscillator.posterior import sample_posterior  # numpyro, where it is installed
-
-    fit = _fit_of(found, "a posterior")
-    posterior = sample_posterior(fit, seed=seed, draws=_DRAWS, warmup=_WARMUP, progress=progress)
-    told = _with(found, "posterior", _json(posterior.estimates), [f"posterior: {posterior.message}"])
-    return replace(told, posterior=posterior)
-
-
-def _with(found: Identified, key: str, told: dict[str, Any], sentences: Sequence[str]) -> Identified:
-    said = (*found.sentences, *sentences)
-    return replace(found, document=found.document | {key: told, "message": "; ".join(said)}, sentences=said)
-
-
-def _json(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {name: one.to_json() for name, one in estimates.items()}
-
-
-def _fit_of(found: Identified, what: str) -> Fit:
-    if found.fit is None:
-        raise SpecError(f"{what} is for models of one degree of freedom; leave it out with model tendon")
-    return found.fit
+def _identified(
+    best: Fitted, rmse_test: float | None, said: Sequence[str], compared: Rows[ComparedModel]
+) -> Identified:
+    return Identified(
+        model=best.model.name,
+        natural_frequency_hz=best.natural_frequency_hz,
+        damping_ratio=best.damping_ratio,
+        parameters=best.parameters | (best.nuisance if isinstance(best, ResponseFit) else {}),
+        rmse=Residuals(best.rmse, None if rmse_test is None else finite(rmse_test)),
+        unit=best.unit,
+        converged=best.converged,
+        message="; ".join(said),
+        unidentifiable=tuple(best.unidentifiable),
+        compared=compared,
+        mechanics=mechanics_of(best),
+        sentences=tuple(said),
+    )
 
 
 # A recording of a rig, or a foreign one, becomes the records that are fitted.
 
 _MOST_SEGMENTS = 9
-_MOST_REPEATED = 4
 _Row = tuple[Segment, slice]
 
 
@@ -532,30 +456,24 @@ _EFFORTS = {"N": "a force", "N*m": "a torque"}
 
 
 def recording_records(
-    recording: xr.Dataset,
-    excitation: Excitation | None,
-    pretension_mm: float | None,
-    *,
-    repeats: bool = False,
+    recording: xr.Dataset, excitation: Excitation | None, pretension_mm: float | None
 ) -> list[Record]:
     """Return the records in a recording: of an import its longest segment, of a rig the segments of one pretension.
 
     Of a rig, the steady segments of the first repeat, evenly thinned to nine, under the lever's measured angle; where
-    there are none, its ring-downs. With repeats, four frequencies in all their repeats, grouped by frequency. Sensor
-    delays are those of the recording's rig.
+    there are none, its ring-downs. Sensor delays are those of the recording's rig.
     """
     signals = read_signals(recording, recording_rig(recording, None))
     response, drive, rows = signals.response, signals.drive, signals.segments
     if recording.attrs.get("source") == "import":
-        if pretension_mm is not None or repeats:
-            option = "a bootstrap" if repeats else "a pretension"
-            raise SpecError(f"{option} is for the recording of a rig; this one was imported; leave it out")
+        if pretension_mm is not None:
+            raise SpecError("a pretension is for the recording of a rig; this one was imported; leave it out")
         if excitation is None and drive is not None:
             raise SpecError("the recording has a drive; say its excitation: force, torque, base or lever, or none")
         rows = [max(rows, key=lambda row: row[1].stop - row[1].start)]
     else:
         excitation = excitation or "lever"
-        rows = _of_pretension(rows, pretension_mm, repeats=repeats)
+        rows = _of_pretension(rows, pretension_mm)
     chosen = excitation or "none"
     frequency = rows[0][0].frequency_hz
     delay = torsion_delay(signals.budget, frequency if frequency > 0 else 3.0) - signals.budget.drive_delay_s
@@ -568,18 +486,13 @@ def recording_records(
             output_unit=response.unit,
             input_unit="1" if chosen == "none" or drive is None else drive.unit,
             output_delay_s=delay,
-            group=_group(segment, repeats=repeats),
+            group=f"{segment.pretension_mm:g} mm",
         )
         for segment, where in rows
     ]
 
 
-def _group(segment: Segment, *, repeats: bool) -> str:
-    pretension = f"{segment.pretension_mm:g} mm"
-    return f"{pretension}, {segment.frequency_hz:.3g} Hz" if repeats and segment.kind == "steady" else pretension
-
-
-def _of_pretension(rows: list[_Row], pretension_mm: float | None, *, repeats: bool) -> list[_Row]:
+def _of_pretension(rows: list[_Row], pretension_mm: float | None) -> list[_Row]:
     levels = sorted({row[0].pretension_mm for row in rows})
     level = levels[0] if pretension_mm is None else min(levels, key=lambda one: abs(one - pretension_mm))
     if pretension_mm is not None and abs(level - pretension_mm) > 1e-6:
@@ -590,20 +503,6 @@ def _of_pretension(rows: list[_Row], pretension_mm: float | None, *, repeats: bo
     decays = [row for row in mine if row[0].kind == "ring-down"]
     if not steady and not decays:
         raise RecordingError("the recording holds neither steady segments nor ring-downs; there is nothing to fit")
-    if repeats:
-        return _repeated(steady or decays)
     taken = [row for row in steady if row[0].repeat == steady[0][0].repeat] or decays
     step = max(1, -(-len(taken) // _MOST_SEGMENTS))
     return taken[::step]
-
-
-def _repeated(rows: list[_Row]) -> list[_Row]:
-    """Return the segments of at most four frequencies that were repeated, in all their repeats."""
-    found: dict[float, list[_Row]] = {}
-    for row in rows:
-        found.setdefault(row[0].frequency_hz if row[0].kind == "steady" else 0.0, []).append(row)
-    often = [found[frequency] for frequency in sorted(found) if len(found[frequency]) > 1]
-    if not often:
-        raise SpecError("a bootstrap draws among repeats, and this recording repeats nothing; leave it out")
-    step = max(1, -(-len(often) // _MOST_REPEATED))
-    return [row for group in often[::step] for row in group]

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from sinew.measure.arrays import Array
 
@@ -48,8 +49,6 @@ def torsion_of(orientation: Array) -> Array:
 
 def head_axis(orientation: Array) -> Array:
     """Return the direction of the head's x axis in frame B, unit vectors of shape (n, 3)."""
-    from scipy.spatial.transform import Rotation  # a third of a second that the pages' server need not begin with
-
     return np.asarray(Rotation.from_quat(orientation, scalar_first=True).apply((1.0, 0.0, 0.0)))
 
 
@@ -75,8 +74,6 @@ def tilt_from(orientation: Array, bend: float, azimuth: float) -> Array:
 
 def turned_about_x(orientation: Array, angle: ArrayLike) -> Array:
     """Return orientations (n, 4) seen from a base that stands turned about x by minus an angle [rad], one or (n,)."""
-    from scipy.spatial.transform import Rotation
-
     about = Rotation.from_rotvec(np.atleast_1d(angle)[:, None] * np.array([[1.0, 0.0, 0.0]]))
     return np.asarray((about * Rotation.from_quat(orientation, scalar_first=True)).as_quat(scalar_first=True))
 

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from scipy import special
+
 NORMAL_90 = 1.6448536269514722
 """Half width of a normal 90 % interval by its standard deviation."""
 NORMAL_95 = 1.959963984540054
@@ -64,8 +66,6 @@ class Estimate:
 
         std: standard deviation of `value` itself (of the mean, not of one draw).
         """
-        from scipy import special  # whoever only shows numbers does without
-
         if not math.isfinite(degrees_of_freedom) or degrees_of_freedom <= 0:
             return Estimate(float(value), float(std), math.nan, math.nan)
         half = float(special.stdtrit(degrees_of_freedom, 0.95)) * std
@@ -81,6 +81,13 @@ class Estimate:
             "std": finite(self.std),
             "interval90": [finite(self.low), finite(self.high)],
         }
+
+    @staticmethod
+    def from_json(document: Mapping[str, Any]) -> "Estimate":
+        """Return what `to_json` made; null becomes NaN."""
+        low, high = document.get("interval90") or (None, None)
+        known = (document["value"], document["std"], low, high)
+        return Estimate(*(math.nan if one is None else float(one) for one in known))
 
     def times(self, factor: float) -> "Estimate":
         """Return the estimate in a unit that is 1/factor as large; factor: positive."""

@@ -8,10 +8,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 Severity = Literal["state", "note", "warning"]
 """A state is replaced by the next of its kind, a note is told once, a warning stands out."""
@@ -140,7 +139,8 @@ class Pretensioned(_Measured):
 
     asked_mm. reached_mm: mean take-up of the motors since first contact, less their give under load; NaN by current.
     asked_current_a, current_a: mean of the motors' currents; asked is NaN by position. tilt_deg: that is left.
-    offsets: levelling correction about y and z [rad]. levelling_s: how long levelling took.
+    offsets: levelling correction about y and z [rad]. levelling_s: how long levelling took. limit_a: mean current limit
+    of the motors; None where they have none.
     """
 
     kind = "pretension"
@@ -151,6 +151,7 @@ class Pretensioned(_Measured):
     tilt_deg: float
     offsets: tuple[float, float]
     levelling_s: float
+    limit_a: float | None = None
 
     def __str__(self) -> str:
         return f"pretension {self.asked_mm:g} mm is set, tilt {self.tilt_deg:.2f}°"
@@ -228,8 +229,6 @@ STATES = tuple(one.kind for one in _MEASURED if one.severity == "state")
 
 def read_event(kind: str, text: str) -> Event:
     """Return an event from a journal's row; a `Note` where the kind, or a field, is of another version."""
-    from pydantic import ValidationError
-
     for measured in _MEASURED:
         if measured.kind == kind:
             try:
@@ -240,7 +239,5 @@ def read_event(kind: str, text: str) -> Event:
 
 
 @cache
-def _reader(kind: type[_Measured]) -> "TypeAdapter[_Measured]":
-    from pydantic import TypeAdapter  # whoever only writes events need not load it
-
+def _reader(kind: type[_Measured]) -> TypeAdapter[_Measured]:
     return TypeAdapter(kind)

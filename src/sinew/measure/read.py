@@ -1,29 +1,39 @@
 """Whatever file holds a measurement, read or looked into: a recording or results of Sinew, or somebody's table."""
 
+import math
 import re
 import shlex
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, RecordingError, SchemaError, SinewError, SpecError, UnitError
 from sinew.measure.estimate import finite, number
-from sinew.measure.files.csv import ColumnNames, Table, import_csv, opened_table, read_table, read_time
-from sinew.measure.files.netcdf import has_schema, is_netcdf, load_dataset, load_recording, load_results
+from sinew.measure.files.csv import (
+    ColumnNames,
+    Stretch,
+    Table,
+    opened_table,
+    read_stretch,
+    read_table,
+    read_time,
+    refuse_bridge,
+)
+from sinew.measure.files.netcdf import has_schema, is_netcdf, load_dataset, load_recording, load_results, provenance
 from sinew.measure.files.runs import RunChoice, bare_name, notes_of, number_columns, time_columns
-from sinew.measure.recording import cut_recording
-from sinew.measure.schema import ReadKind
+from sinew.measure.recording import IMPORT_SEGMENTS, ReadKind, Segment, build_recording, cut_recording
+from sinew.measure.result import Detail, Field, Result, Rows
+from sinew.measure.result import Table as ShownTable
 from sinew.measure.timing import Gaps, diagnose_times
-from sinew.measure.told import Table as ShownTable
-from sinew.measure.told import Told
 from sinew.measure.units import unit_in_name
+from sinew.measure.validation import as_path
 
 _TABLES_IN_HDF5 = frozenset((".h5", ".hdf5", ".hdf", ".he5", ".mat"))
 
@@ -47,12 +57,14 @@ def read(
     path: of a NetCDF file of Sinew, which knows its columns; of a text table in any dialect, a MATLAB, HDF5, TDMS,
     UFF 58, Excel, Parquet or MCAP file, whose columns are named here; or a pandas DataFrame. `sn.look` tells what is in
     a file.
-    time, response, drive: "COL" or "COL:unit" of a table; without a unit the one in the column's name (angle_deg,
-    "x [mm]") counts. A time that is the only one by its name, and a response that is the only other column of numbers,
-    need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part
-    to take [s], of a table or an imported recording. gaps: refuse a table with missing samples, split it there, or
-    bridge them in a ring-down. run: which of several in a file, by number from 1 or name. columns: names for all
-    columns instead of the file's, as "t_s,angle_deg". rate_hz: samples per second, where no column holds the time.
+    time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several) of a table; without a unit the
+    one in the column's name (angle_deg, "x [mm]") counts. A time that is the only one by its name, and a response that
+    is the only other column of numbers, need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to
+    find out. start_s, stop_s: the part to take [s], of a table or an imported recording. gaps: refuse a table with
+    missing samples, split it into segments there, or bridge them in a ring-down: its times are uneven then, which a fit
+    in the time domain bears up to half a period. run: which of several in a file, by number from 1 or name. columns:
+    names for all columns instead of the file's, as "t_s,angle_deg". rate_hz: samples per second, where no column holds
+    the time. What was found and done is text in the attribute `import_notes`.
     Raises FileError, SchemaError, SpecError, RecordingError, TimeError or UnitError with one sentence.
 
     >>> import pandas as pd
@@ -73,18 +85,57 @@ def read(
             with suppress(SchemaError):
                 return load_results(path)
             raise
-    return import_csv(
+    if kind not in IMPORT_SEGMENTS:
+        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
+    if gaps == "bridge":
+        refuse_bridge(kind)
+    found = read_stretch(
         path,
+        {"response": response} | ({"drive": drive} if drive else {}),
         time=time,
-        response=response,
-        drive=drive,
-        kind=kind,
+        rate_hz=rate_hz,
+        run=run,
+        columns=columns,
         start_s=start_s,
         stop_s=stop_s,
         gaps=gaps,
-        run=run,
-        columns=columns,
-        rate_hz=rate_hz,
+    )
+    attrs = {
+        "import_file": "" if isinstance(path, pd.DataFrame) else as_path(path).name,
+        **{f"import_{role}": found.specs.get(role, "") for role in ("time", "response", "drive")},
+    }
+    recording = _recorded(found, kind, attrs)
+    if gaps == "bridge" and found.timeline.diagnosis.gaps:
+        recording = recording.assign_attrs(import_gaps="bridge")
+    return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
+
+
+_RATE_NOTE = (
+    "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
+    "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
+)
+
+
+def _recorded(found: Stretch, kind: ReadKind, attrs: Mapping[str, Any]) -> xr.Dataset:
+    """Return a stretch of a table as a recording, a segment for each of its pieces.
+
+    An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else `response` (`drive`) in SI units. An angular
+    rate stays a rate: where the sensor sat and what its other axes read is not known, so it is not passed off as the
+    gyroscope of the schema.
+    """
+    angles = {"response": "torsion_rad", "drive": "drive_rad"}
+    called = {role: angles[role] if unit == "rad" else role for role, unit in found.units.items()}
+    samples = {"time_s": found.timeline.time_s} | {called[role]: values for role, values in found.values.items()}
+    notes = [*found.notes, *(f"time: {note}" for note in found.timeline.notes)]
+    notes += [_RATE_NOTE.format(role=role) for role, unit in found.units.items() if unit == "rad/s"]
+    pieces = found.timeline.pieces
+    kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
+    return build_recording(
+        {name: values[kept] for name, values in samples.items()},
+        [Segment(IMPORT_SEGMENTS[kind], 0.0, math.nan, math.nan, 0)] * len(pieces),
+        [piece.stop - piece.start for piece in pieces],
+        provenance("import", **attrs, import_notes="\n".join(notes)),
+        {called[role]: unit for role, unit in found.units.items()},
     )
 
 
@@ -106,7 +157,6 @@ def is_recording(file: Path) -> bool:
 
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 40
-_SHOWN = 40  # columns in the printed table
 _DRIVE = re.compile(
     r"(?<![^\W_])(drive|force|torque|input|command|cmd|set ?point|excitation|shaker|hammer|lever|base|antrieb|anregung|"
     r"kraft|u)(?![^\W_])",
@@ -115,35 +165,67 @@ _DRIVE = re.compile(
 _SLOWEST_MS = 200  # whole numbers further apart are microseconds rather than milliseconds: below 5 samples a second
 
 
+_Text = Annotated[str, Field("", "detail")]
+
+
 @dataclass(frozen=True, repr=False)
-class Looked(Told):
-    """What is in a file. document: as `sinew look --json` prints it."""
+class LookedRun(Result):
+    """One of several runs in a file, by its number from 1 or its name."""
 
-    document: dict[str, Any]
+    number: Annotated[int, Field("--run")]
+    name: Annotated[str, Field("name")]
 
-    def told(self) -> list[ShownTable | str]:
-        """Return tables and sentences in the order of reading."""
-        document = self.document
-        told: list[ShownTable | str] = [f"{document['file']}: {document['format']}, {document['rows']} rows"]
-        if len(document["runs"]) > 1:
-            runs = [(f"--run {one['number']}", one["name"]) for one in document["runs"]]
-            told.append(ShownTable(("run", "name"), runs, f"runs; below: {document['run']}"))
-        rows = [
-            (one["name"], one["unit"] or "", str(one["values"]), number(one["low"]), number(one["high"]), one["course"])
-            for one in document["columns"][:_SHOWN]
-        ]
-        told.append(ShownTable(("column", "unit", "values", "least", "largest", "course"), rows))
-        if len(document["columns"]) > _SHOWN:
-            told.append(f"and {len(document['columns']) - _SHOWN} more columns")
-        told += (
-            []
-            if document["time"] is None
-            else [f"time, column {document['time']['column']!r}: {document['time']['sentence']}"]
-        )
-        told += document["notes"]
-        if document["command"] is not None:
-            told += ["", "go on with", f"  {document['command']}"]
-        return told
+
+@dataclass(frozen=True, repr=False)
+class LookedColumn(Result):
+    """One column: its unit by its name, how many values, the least and the largest, its course as a row of bars."""
+
+    name: Annotated[str, Field("column")]
+    unit: Annotated[str | None, Field("unit")]
+    values: Annotated[int, Field("values")]
+    low: Annotated[float | None, Field("least")]
+    high: Annotated[float | None, Field("largest")]
+    sparkline: Annotated[str, Field("course")]
+
+
+@dataclass(frozen=True, repr=False)
+class LookedTime(Result):
+    """What the time of a file is like; gaps: see `sinew.measure.timing.Gap`."""
+
+    column: _Text
+    rate_hz: Detail
+    duration_s: Detail
+    gaps: Annotated[tuple[Mapping[str, float], ...], Field("", "detail")]
+    sentence: _Text
+
+
+@dataclass(frozen=True, repr=False)
+class Looked(Result):
+    """What is in a file. run: of which the rest is. missing: options whose number nobody but you knows; command: to go
+    on with, None where there is none."""
+
+    file: _Text
+    format: _Text
+    runs: Annotated[Rows[LookedRun], Field("runs")]
+    run: _Text
+    rows: Annotated[int, Field("", "detail")]
+    columns: Annotated[Rows[LookedColumn], Field("")]
+    time: Annotated[LookedTime | None, Field("", "detail")]
+    notes: Annotated[tuple[str, ...], Field("", "sentence")]
+    missing: Annotated[tuple[str, ...], Field("", "detail")]
+    command: Annotated[str | None, Field("", "detail")]
+
+    def blocks(self) -> list[ShownTable | str]:
+        """Return tables and sentences in the order of reading; one run alone is not listed."""
+        first = f"{self.file}: {self.format}, {self.rows} rows"
+        if len(self.runs) == 1:
+            return [first, *Result.blocks(replace(self, runs=Rows()))]
+        return [f"{first} of {self.run}", *super().blocks()]
+
+    def closing(self) -> list[str]:
+        """Return what the time is like, and the command to go on with."""
+        time = [] if self.time is None else [f"time, column {self.time.column!r}: {self.time.sentence}"]
+        return [*time, *([] if self.command is None else ["", "go on with", f"  {self.command}"])]
 
 
 def look(
@@ -165,72 +247,62 @@ def look(
     ...     file = pathlib.Path(folder) / "swing.csv"
     ...     lines = [f"{i / 100:.2f};{(-1) ** (i // 20) * 0.97**i:.4f}".replace(".", ",") for i in range(200)]
     ...     _ = file.write_text("Zeit;Winkel (deg)\\n" + "\\n".join(lines))
-    ...     found = sn.look(file).document
-    >>> found["format"], round(found["time"]["rate_hz"]), found["columns"][1]["unit"]
+    ...     found = sn.look(file)
+    >>> found.format, round(found.time.rate_hz), found.columns[1].unit
     ('text, semicolon between columns, decimal comma', 100, 'deg')
     """
     path = as_path(path)
     if is_recording(path):
         return _look_at_recording(path)
     opened = opened_table(path, columns)
-    runs = [{"number": place, "name": one.name} for place, one in enumerate(opened.runs, start=1)]
+    runs = Rows(LookedRun(place, one.name) for place, one in enumerate(opened.runs, start=1))
     chosen: RunChoice = run if run is not None or len(runs) == 1 else 1
     table = read_table(path, run=chosen, columns=columns)
     guess = _guess(path, table, _Asked(str(path), chosen if len(runs) > 1 else None, columns, rate_hz))
-    named = next((one["name"] for one in runs if chosen in (one["number"], one["name"], str(one["number"]))), "")
-    document: dict[str, Any] = {
-        "file": path.name,
-        "format": opened.form,
-        "runs": runs,
-        "run": named,
-        "rows": len(table),
-        "columns": [_column(table, place) for place in range(table.shape[1])],
-        "time": guess.timing,
-        "notes": [*notes_of(table), *guess.notes],
-        "missing": list(guess.missing),
-        "command": guess.command,
-    }
-    return Looked(document)
+    named = next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), "")
+    return Looked(
+        file=path.name,
+        format=opened.form,
+        runs=runs,
+        run=named,
+        rows=len(table),
+        columns=Rows(_column(table, place) for place in range(table.shape[1])),
+        time=guess.timing,
+        notes=(*notes_of(table), *guess.notes),
+        missing=guess.missing,
+        command=guess.command,
+    )
 
 
 def _look_at_recording(path: Path) -> Looked:
     dataset = load_dataset(path)
-    rows = int(dataset.sizes.get("sample", 0))
     table = pd.DataFrame(
         {name: dataset[name].values for name in dataset.data_vars if dataset[name].dims == ("sample",)}
     )
-    columns = [_column(table, place) for place in range(table.shape[1])]
-    for one in columns:
-        one["unit"] = str(dataset[one["name"]].attrs.get("units", "")) or None
+    columns = (_column(table, place) for place in range(table.shape[1]))
     kinds = sorted(set(map(str, dataset["kind"].values))) if "kind" in dataset else []
-    document = {
-        "file": path.name,
-        "format": f"Sinew, {dataset.attrs.get('schema', 'no schema')}",
-        "runs": [{"number": 1, "name": ""}],
-        "run": "",
-        "rows": rows,
-        "columns": columns,
-        "time": None,
-        "notes": [f"segments: {dataset.sizes.get('segment', 0)}, of {', '.join(kinds)}"] if kinds else [],
-        "missing": [],
-        "command": shlex.join(["sinew", "analyse", str(path)]) if kinds else None,
-    }
-    return Looked(document)
+    return Looked(
+        file=path.name,
+        format=f"Sinew, {dataset.attrs.get('schema', 'no schema')}",
+        runs=Rows([LookedRun(1, "")]),
+        run="",
+        rows=int(dataset.sizes.get("sample", 0)),
+        columns=Rows(replace(one, unit=str(dataset[one.name].attrs.get("units", "")) or None) for one in columns),
+        time=None,
+        notes=(f"segments: {dataset.sizes.get('segment', 0)}, of {', '.join(kinds)}",) if kinds else (),
+        missing=(),
+        command=shlex.join(["sinew", "analyse", str(path)]) if kinds else None,
+    )
 
 
-def _column(table: Table, place: int) -> dict[str, Any]:
-    """Return what one column holds: its unit by its name, how many values, the least and the largest, its course."""
+def _column(table: Table, place: int) -> LookedColumn:
     column, name = table.iloc[:, place], str(table.columns[place])
     values = np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float) if column.dtype.kind not in "mM" else None
-    known = values is not None and bool(np.isfinite(values).any())
-    return {
-        "name": name,
-        "unit": unit_in_name(name),
-        "values": int(column.notna().sum()),
-        "low": finite(float(np.nanmin(values))) if known and values is not None else None,
-        "high": finite(float(np.nanmax(values))) if known and values is not None else None,
-        "course": _sparkline(values) if known and values is not None else "",
-    }
+    held, unit = int(column.notna().sum()), unit_in_name(name)
+    if values is None or not np.isfinite(values).any():
+        return LookedColumn(name, unit, held, None, None, "")
+    low, high = (finite(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
+    return LookedColumn(name, unit, held, low, high, _sparkline(values))
 
 
 def _sparkline(values: Array) -> str:
@@ -269,7 +341,7 @@ class _Guess:
 
     command: str | None = None
     missing: tuple[str, ...] = ()
-    timing: dict[str, Any] | None = None
+    timing: LookedTime | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -375,7 +447,7 @@ def _clearness(values: Array) -> float:
     return float(np.std(about)) / rough if crossings >= 4 and rough > 0 else 0.0
 
 
-def _timing(table: Table, time: str | None) -> dict[str, Any] | None:
+def _timing(table: Table, time: str | None) -> LookedTime | None:
     if time is None:
         return None
     try:
@@ -383,15 +455,11 @@ def _timing(table: Table, time: str | None) -> dict[str, Any] | None:
         stamps = stamps[np.isfinite(stamps)]
         found = diagnose_times(stamps)
     except RecordingError as error:
-        return {"column": time, "rate_hz": None, "duration_s": None, "gaps": [], "sentence": str(error)}
-    gaps = [{"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in found.gaps]
-    return {
-        "column": time,
-        "rate_hz": 1.0 / found.step_s,
-        "duration_s": float(stamps[-1] - stamps[0]),
-        "gaps": gaps,
-        "sentence": f"{found.sentence}; {number(1.0 / found.step_s, 4, 'Hz')}, {number(float(np.ptp(stamps)), 4, 's')}",
-    }
+        return LookedTime(time, None, None, (), str(error))
+    gaps = tuple({"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in found.gaps)
+    rate, lasts = 1.0 / found.step_s, float(stamps[-1] - stamps[0])
+    sentence = f"{found.sentence}; {number(rate, 4, 'Hz')}, {number(float(np.ptp(stamps)), 4, 's')}"
+    return LookedTime(time, rate, lasts, gaps, sentence)
 
 
 def _tried(path: Path, time: str | None, response: str, drive: str | None, asked: _Asked) -> tuple[Gaps, str]:
@@ -401,7 +469,7 @@ def _tried(path: Path, time: str | None, response: str, drive: str | None, asked
     for gaps in ways:
         rate = None if time is not None else asked.rate_hz or 1.0
         try:
-            recording = import_csv(
+            recording = read(
                 path,
                 time=time,
                 response=response,

@@ -10,13 +10,11 @@ import tokenize
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import pint
 
 from sinew.measure.errors import UnitError
-
-if TYPE_CHECKING:
-    import pint
-
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
@@ -52,54 +50,10 @@ _BY_NAME = {"hertz": "Hz", "joule": "J"}
 
 # Suffixes of column names that are clear about their unit, longest first.
 _SUFFIXES = {
-    "deg_s": "deg/s",
-    "rad_s": "rad/s",
-    "rad_s2": "rad/s2",
-    "m_s": "m/s",
-    "m_s2": "m/s2",
-    "n_m": "N*m",
-    "s": "s",
-    "ms": "ms",
-    "us": "us",
-    "deg": "deg",
-    "rad": "rad",
-    "m": "m",
-    "cm": "cm",
-    "mm": "mm",
-    "um": "um",
-    "v": "V",
-    "mv": "mV",
-    "hz": "Hz",
-    "dps": "deg/s",
-}
+    re.sub(r"[/*]", "_", unit).lower(): unit
+    for unit in ("deg/s", "rad/s", "rad/s2", "m/s", "m/s2", "N*m", "s", "ms", "us", "deg", "rad", "m", "cm", "mm", "um")
+} | {"v": "V", "mv": "mV", "hz": "Hz", "dps": "deg/s"}
 _CLOCKS = {"millis": "ms", "micros": "us"}  # functions of the Arduino; loggers write their numbers under their names
-# Units that hardly a file or rig does without, in SI: pint takes half a second to start, and is asked about all others.
-_COMMON = {
-    "1": ("1", 1.0),
-    "s": ("s", 1.0),
-    "ms": ("s", 1e-3),
-    "us": ("s", 1e-6),
-    "m": ("m", 1.0),
-    "cm": ("m", 1e-2),
-    "mm": ("m", 1e-3),
-    "m/s": ("m/s", 1.0),
-    "m/s2": ("m/s2", 1.0),
-    "m/s^2": ("m/s2", 1.0),
-    "g_0": ("m/s2", STANDARD_GRAVITY),
-    "rad": ("rad", 1.0),
-    "deg": ("rad", math.pi / 180),
-    "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", math.pi / 180),
-    "dps": ("rad/s", math.pi / 180),
-    "rpm": ("rad/s", 2 * math.pi / 60),
-    "Hz": ("Hz", 1.0),
-    "N": ("N", 1.0),
-    "N*m": ("N*m", 1.0),
-    "V": ("V", 1.0),
-    "mV": ("V", 1e-3),
-    "A": ("A", 1.0),
-    "mA": ("A", 1e-3),
-}
 # What pint raises on text that is no unit, besides its own errors.
 _UNREADABLE = (tokenize.TokenError, ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
 _WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
@@ -162,15 +116,11 @@ def local_time(moment: str) -> str:
 
 @cache
 def _registry() -> "pint.UnitRegistry[Any]":
-    import pint
-
     return pint.UnitRegistry()
 
 
 @cache
 def _parse(unit: str) -> Any:
-    import pint
-
     text = unit.strip()
     if text in _AMBIGUOUS:
         raise UnitError(f"unit {unit!r} is ambiguous; write {_AMBIGUOUS[text]}")
@@ -203,14 +153,6 @@ def convert(unit: str, to: str) -> float:
 
     Raises UnitError where a unit is unknown, has an offset or is logarithmic, or the dimensions differ.
     """
-    (base, size), (other, whole) = (_COMMON.get(text.strip(), ("", math.nan)) for text in (unit, to))
-    return size / whole if base and base == other else _converted(unit, to)
-
-
-def _converted(unit: str, to: str) -> float:
-    """Return what `convert` does, by pint."""
-    import pint
-
     source, target = _parse(unit), _parse(to)
     quantity = _registry().Quantity
     try:
@@ -235,11 +177,6 @@ def canonical_unit(unit: str) -> tuple[str, float]:
     The SI unit is written the way the schema writes it where it is a common one ("N*m", "rad/s", "m/s2", "V").
     Raises UnitError where the unit is unknown, ambiguous (g), logarithmic, or has an offset (degrees Celsius).
     """
-    return _COMMON.get(unit.strip()) or _canonical(unit)
-
-
-def _canonical(unit: str) -> tuple[str, float]:
-    """Return what `canonical_unit` does, by pint."""
     parsed = _parse(unit)
     base = _base(parsed)
     quantity = _registry().Quantity
@@ -272,6 +209,13 @@ def unit_in_name(column: str) -> str | None:
         if column.lower().endswith(f"_{suffix}"):
             return _SUFFIXES[suffix]
     return None
+
+
+def with_unit(words: str, unit: str) -> str:
+    """Return the head of a column of a quantity: "force/N", "decay rate/(1/s)", "gain" of a plain number."""
+    if unit in ("1", ""):
+        return words
+    return f"{words}/({unit})" if re.search(r"[/* ]", unit) else f"{words}/{unit}"
 
 
 _TOKENS = {"hz": "Hz", "v": "V", "n": "N", "a": "A", "w": "W", "j": "J", "pa": "Pa"} | {

@@ -3,14 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy import optimize
 
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
 from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.plan import Plan, listed
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
@@ -164,12 +168,14 @@ class Finding(NamedTuple):
     key: str = ""
 
 
+_refuse, _warn, _note = partial(Finding, "refuse"), partial(Finding, "warn"), partial(Finding, "note")
+
+
 @dataclass(frozen=True)
 class Preview:
     """What a plan will do on a rig.
 
-    duration_s: of all motions and rests, without the time to change pretension. longest_s: the same if every group
-    with an adaptive settle takes its longest; equal to duration_s where the settle is fixed.
+    duration_s: of all motions and rests, without the time to change pretension.
     bench_s: what a bench takes for all of it, within 15 %: with power-up and pull to first contact, the changes of
     pretension and their levelling, the rests before ring-downs, and the stop.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
@@ -182,7 +188,6 @@ class Preview:
     """
 
     duration_s: float
-    longest_s: float
     bench_s: float
     groups: int
     samples: int
@@ -224,21 +229,18 @@ def check_plan(
     groups = plan.groups()
     findings = [
         *setting_findings(plan, rig),
-        *_current_findings(plan, rig, reach),
-        *_tension_findings(plan, rig, tensions),
-        *_torsion_findings(plan, rig, torsions),
+        *_load_findings(plan, rig, reach, tensions, torsions),
         *_pose_findings(plan, rig, torsions),
         *_sway_findings(plan, rig),
         *_reach_findings(plan, rig, reached_deg),
         *_time_findings(plan, rig, tensions),
         *_servo_findings(rig),
+        *_upright_findings(plan, rig),
     ]
     duration = sum(group.duration_s for group in groups)
-    waiting = plan.sweep.longest_settle_s - plan.sweep.settle_s if plan.sweep else 0.0
     return Preview(
         duration_s=duration,
-        longest_s=duration + waiting * sum(group.kind == "steady" for group in groups),
-        bench_s=duration + _beside_s(plan, len([group for group in groups if group.kind == "ring-down"])),
+        bench_s=sum(stage.duration_s for stage in stages_of(plan)),
         groups=len(groups),
         samples=sum(sum(group.sample_counts(plan.sample_hz)) for group in groups),
         frequency_hz=tuple(frequencies),
@@ -254,23 +256,8 @@ def check_plan(
 # What a bench needs beside the plan's motions [s], as its routines take it with a paper rig (`sinew.bench`): head at
 # rest, lever to zero, slack, first contact until the silicone has given way, bias; one levelling, longer where the
 # joint still swings; the joint coming to rest before a decay; and rest, let-down and torque off at the end.
-_POWER_UP_S, _LEVEL_S, _LEVEL_SWINGING_S, _CALM_S, _STOP_S = 7.6, 3.2, 4.0, 4.0, 4.3
+_POWER_UP_S, _LEVEL_S, _LEVEL_SWINGING_S, _CALM_S, _STOP_S = 7.6, 3.2, 4.0, 6.0, 4.3
 _CHANGE_MM_S = 6.0
-
-
-def _beside_s(plan: Plan, decays: int) -> float:
-    """Return what a bench needs beside the motions and rests of a plan [s]."""
-    way = _way(plan)
-    changed = sum(abs(after - before) for before, after in zip([0.0, *way], way, strict=False)) / _CHANGE_MM_S
-    levelled = _LEVEL_S + _LEVEL_SWINGING_S * (len(way) - 1)
-    return _POWER_UP_S + changed + levelled + _CALM_S * decays + _STOP_S
-
-
-def _way(plan: Plan) -> list[float]:
-    """Return the pretensions that are set one after the other [mm]."""
-    levels = plan.pretension.pretension_mm
-    ends = plan.track.pretension_to_mm if plan.track is not None else None
-    return [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
 
 
 StageKind = Literal["pull", "change", "rest", "settle", "steady", "calm", "ring-down", "tracking", "stop"]
@@ -300,31 +287,27 @@ def stages_of(plan: Plan, most: int = 400) -> list[Stage]:
     most: of more than so many stages those of a kind at one pretension are taken together, one stage each, the settling
     with its record; the frequency is the last one's then.
     """
-    found, now, last = [Stage("pull", 0.0, _POWER_UP_S, None)], _POWER_UP_S, 0.0
+    found, last = [Stage("pull", 0.0, _POWER_UP_S, None)], 0.0
+    moves_to = plan.track.pretension_to_mm if plan.track is not None else None
+    at: float | None = None
 
-    def add(kind: StageKind, duration_s: float, mm: float | None, *drive: float) -> None:
-        nonlocal now
+    def add(kind: StageKind, duration_s: float, *drive: float) -> None:
         if duration_s > 0:
             hertz, deg = (None if math.isnan(one) else one for one in drive or (math.nan, math.nan))
-            found.append(Stage(kind, now, duration_s, mm, hertz, deg))
-            now += duration_s
+            found.append(Stage(kind, found[-1].start_s + found[-1].duration_s, duration_s, at, hertz, deg))
 
-    at: float | None = None
-    begun = False
     for group in plan.groups():
-        moves_to = plan.track.pretension_to_mm if plan.track is not None else None
         if group.pretension_mm != at:
             for mm in (group.pretension_mm,) if moves_to is None else (moves_to, group.pretension_mm):
-                level = _LEVEL_SWINGING_S if begun else _LEVEL_S
-                add("change", abs(mm - last) / _CHANGE_MM_S + level, mm)
-                last, begun = mm, True
-            at = group.pretension_mm
+                at = mm
+                add("change", abs(mm - last) / _CHANGE_MM_S + (_LEVEL_S if len(found) == 1 else _LEVEL_SWINGING_S))
+                last = mm
         if group.kind == "ring-down":
-            add("calm", _CALM_S, at)
+            add("calm", _CALM_S)
         drive = group.frequency_hz, group.amplitude_deg
-        add("settle", group.settle_s, at, *drive)
-        add("rest" if group.kind == "idle" else group.kind, group.record_s, at, *drive)
-    add("stop", _STOP_S, at)
+        add("settle", group.settle_s, *drive)
+        add("rest" if group.kind == "idle" else group.kind, group.record_s, *drive)
+    add("stop", _STOP_S)
     return found if len(found) <= most else _together(found)
 
 
@@ -366,22 +349,20 @@ def setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
     for key, pretensions in asked.items():
         if beyond := [p for p in pretensions if not low <= p <= high]:
             sentence = f"plan asks for {_a_or_some('pretension', beyond)} mm, the rig allows {low:g} to {high:g} mm"
-            yield Finding("refuse", f"{sentence}; change {key}", key)
+            yield _refuse(f"{sentence}; change {key}", key)
     for part, amplitude, key, frequencies in _drives(plan):
         if amplitude is not None and amplitude > limits.drive_amplitude_deg:
-            yield Finding(
-                "refuse",
+            yield _refuse(
                 f"{part} asks for {amplitude:g}°, the rig allows {limits.drive_amplitude_deg:g}°; "
                 f"lower {part}.amplitude_deg",
                 f"{part}.amplitude_deg",
             )
         if beyond := [hertz for hertz in frequencies if hertz > limits.drive_hz]:
             sentence = f"{part} asks for {listed(beyond)} Hz, the rig allows {limits.drive_hz:g} Hz; lower {key}"
-            yield Finding("refuse", sentence, key)
+            yield _refuse(sentence, key)
         sampled_hz = plan.sample_hz / _SAMPLES_PER_PERIOD * (1 + 1e-12)
         if fast := [hertz for hertz in frequencies if sampled_hz < hertz <= limits.drive_hz]:
-            yield Finding(
-                "refuse",
+            yield _refuse(
                 f"{part} asks for {listed(fast)} Hz, a tenth of the Nyquist frequency is "
                 f"{plan.sample_hz / _SAMPLES_PER_PERIOD:g} Hz; raise sample_hz to "
                 f"{max(fast) * _SAMPLES_PER_PERIOD:g}",
@@ -390,7 +371,7 @@ def setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
     low, high = limits.voltage_v
     supply = rig.drive.supply_voltage.value
     if not low <= supply <= high:
-        yield Finding("refuse", f"drive.supply_voltage is {supply:g} V, the rig allows {low:g} to {high:g} V")
+        yield _refuse(f"drive.supply_voltage is {supply:g} V, the rig allows {low:g} to {high:g} V")
 
 
 def _a_or_some(noun: str, values: Sequence[float]) -> str:
@@ -411,49 +392,45 @@ def _drives(plan: Plan) -> Iterator[tuple[str, float | None, str, tuple[float, .
         yield "track", amplitude, "track.high_hz", (track.high_hz,)
 
 
-def _current_findings(plan: Plan, rig: RigSpec, reach: Sequence[Reach]) -> Iterator[Finding]:
-    limit = rig.limits.drive_current_a
-    worst = max(reach, key=lambda r: r.current_a, default=None)
-    if plan.sweep is not None and worst is not None and worst.current_a > limit:
-        frequency = plan.sweep.frequency_hz[list(reach).index(worst)]
-        yield Finding(
-            "refuse",
-            f"sweep drives a current of {worst.current_a:.2f} A at {frequency:g} Hz, the rig allows {limit:g} A; "
-            "lower sweep.amplitude_deg",
-        )
-
-
-def _tension_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iterator[Finding]:
-    if not tension_n:
-        return
-    limits = rig.limits
-    worst = max(range(len(tension_n)), key=lambda index: tension_n[index])
-    where = f"at {plan.pretension.pretension_mm[worst]:g} mm"
-    advice = "lower pretension.pretension_mm"
-    if tension_n[worst] > limits.tension_n:
-        yield Finding(
-            "refuse",
-            f"each tendon pulls {tension_n[worst]:.0f} N {where}, the rig allows {limits.tension_n:g} N; {advice}",
-        )
-    current = rig.tendons.current(tension_n[worst])
-    if current > limits.tendon_current_a:
-        yield Finding(
-            "refuse",
-            f"each tendon motor draws {current:.2f} A {where}, the rig allows {limits.tendon_current_a:g} A; {advice}",
-        )
-    slack = [p for p, t in zip(plan.pretension.pretension_mm, tension_n, strict=True) if t <= 0]
-    if slack:
-        yield Finding("warn", f"tendons are slack at {slack[0]:g} mm; raise tendons.first_contact_tension")
-
-
-def _torsion_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) -> Iterator[Finding]:
-    if torsion_deg and max(torsion_deg) > rig.limits.torsion_deg:
-        where = plan.pretension.pretension_mm[torsion_deg.index(max(torsion_deg))]
-        yield Finding(
-            "refuse",
-            f"the head twists by {max(torsion_deg):.0f}° at {where:g} mm, the rig allows {rig.limits.torsion_deg:g}°; "
+def _load_findings(
+    plan: Plan, rig: RigSpec, reach: Sequence[Reach], tension_n: Sequence[float], torsion_deg: Sequence[float]
+) -> Iterator[Finding]:
+    """Yield which limits on currents, tension and torsion the plan breaks, each where it does so most."""
+    limits, levels, hertz = rig.limits, plan.pretension.pretension_mm, plan.sweep.frequency_hz if plan.sweep else ()
+    lower = "lower pretension.pretension_mm"
+    currents = list(map(rig.tendons.current, tension_n))
+    rows: list[tuple[Sequence[float], float, Sequence[float], str]] = [
+        (
+            [one.current_a for one in reach],
+            limits.drive_current_a,
+            hertz,
+            "sweep drives a current of {:.2f} A at {:g} Hz, the rig allows {:g} A; lower sweep.amplitude_deg",
+        ),
+        (
+            tension_n,
+            limits.tension_n,
+            levels,
+            f"each tendon pulls {{:.0f}} N at {{:g}} mm, the rig allows {{:g}} N; {lower}",
+        ),
+        (
+            currents,
+            limits.tendon_current_a,
+            levels,
+            f"each tendon motor draws {{:.2f}} A at {{:g}} mm, the rig allows {{:g}} A; {lower}",
+        ),
+        (
+            torsion_deg,
+            limits.torsion_deg,
+            levels,
+            "the head twists by {:.0f}° at {:g} mm, the rig allows {:g}°; "
             "lower amplitude_deg or leave out the frequencies around the resonance",
-        )
+        ),
+    ]
+    for values, most, where, sentence in rows:
+        if values and (worst := max(values)) > most:
+            yield _refuse(sentence.format(worst, where[values.index(worst)], most))
+    if slack := [p for p, t in zip(levels, tension_n, strict=False) if t <= 0]:
+        yield _warn(f"tendons are slack at {slack[0]:g} mm; raise tendons.first_contact_tension")
 
 
 # The pose is judged twice. What is asked for must not bend the head further than limits.bend_deg, and the tendons must
@@ -469,28 +446,23 @@ def _pose_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) -> It
         return
     bend = math.degrees(pose.bend_rad)
     if bend > limits.most_bend_deg:
-        yield Finding(
-            "refuse",
-            f"plan asks for {pose.words()}, the rig allows {limits.most_bend_deg:g}°; change [pose]",
-        )
+        yield _refuse(f"plan asks for {pose.words()}, the rig allows {limits.most_bend_deg:g}°; change [pose]")
     low, high = limits.tendon_travel_mm
     turned = 2 * np.pi * np.arange(rig.tendons.count) / rig.tendons.count - pose.azimuth_rad
     cable_mm = 1e3 * rig.tendons.head_radius.value * pose.bend_rad * float(np.max(np.abs(np.cos(turned))))
     for pretension in (min(plan.pretension.pretension_mm), max(plan.pretension.pretension_mm)):
         if not low <= pretension - cable_mm or not pretension + cable_mm <= high:
-            yield Finding(
-                "refuse",
+            yield _refuse(
                 f"{pose.words()} at {pretension:g} mm takes a tendon from {pretension - cable_mm:.1f} to "
-                f"{pretension + cable_mm:.1f} mm, the rig allows {low:g} to {high:g} mm; bend less in [pose]",
+                f"{pretension + cable_mm:.1f} mm, the rig allows {low:g} to {high:g} mm; bend less in [pose]"
             )
             break
     if torsion_deg:
         away = math.degrees(sway_of_torsion(math.radians(max(torsion_deg)), pose.bend_rad))
         if away > limits.tilt_deg:
-            yield Finding(
-                "refuse",
+            yield _refuse(
                 f"with {max(torsion_deg):.0f}° of torsion the bent head leans {away:.1f}° out of its pose, the rig "
-                f"allows {limits.tilt_deg:g}°; bend less in [pose], or lower amplitude_deg",
+                f"allows {limits.tilt_deg:g}°; bend less in [pose], or lower amplitude_deg"
             )
 
 
@@ -503,18 +475,16 @@ def _sway_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
             continue
         tilt = math.degrees(part.amplitude_mm * 1e-3 / tendons.head_radius.value)
         if tilt > limits.tilt_deg:
-            yield Finding(
-                "refuse",
+            yield _refuse(
                 f"{name} asks for {part.amplitude_mm:g} mm of cable, which tilts the head by {tilt:.1f}° where it does "
-                f"not resonate, the rig allows {limits.tilt_deg:g}°; lower {name}.amplitude_mm",
+                f"not resonate, the rig allows {limits.tilt_deg:g}°; lower {name}.amplitude_mm"
             )
         frequency = max(part.frequency_hz)
         most = 1e3 * speed / (2 * math.pi * frequency)
         if part.amplitude_mm > most:
-            yield Finding(
-                "warn",
+            yield _warn(
                 f"{name} asks for {part.amplitude_mm:g} mm of cable at {frequency:g} Hz, the tendon motors are fast "
-                f"enough for {most:.2g} mm there",
+                f"enough for {most:.2g} mm there"
             )
 
 
@@ -539,17 +509,49 @@ def _servo_findings(rig: RigSpec) -> Iterator[Finding]:
         if name in known:
             servo, expected = known[name]
             if not 1 / _SERVO_FACTOR <= parameter.value / expected <= _SERVO_FACTOR:
-                yield Finding(
-                    "warn",
+                yield _warn(
                     f"{name} is {parameter.value:.4g} {parameter.unit}, that of the {servo.model} is {expected:.4g}; "
-                    "correct it, or the model in the rig's [wiring]",
+                    "correct it, or the model in the rig's [wiring]"
                 )
     if rig.limits.tendon_current_a > _SERVO_FACTOR * tendon.stall_current:
-        yield Finding(
-            "warn",
+        yield _warn(
             f"limits.tendon_current_a is {rig.limits.tendon_current_a:g} A, a {tendon.model} stalls at "
-            f"{tendon.stall_current:g} A; lower it, or correct the model in the rig's [wiring]",
+            f"{tendon.stall_current:g} A; lower it, or correct the model in the rig's [wiring]"
         )
+
+
+def _upright_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
+    """Yield where the silicone alone does not keep the head upright, as it has to while motors hold currents: these
+    give way to a tilt, motors that hold positions do not."""
+    if rig.space is None:
+        return
+    mass, lever = rig.inertia.head_mass.value, rig.space.lever_mass.value
+    height = ((mass - lever) * rig.space.head_height.value + lever * rig.space.lever_height.value) / mass
+    rigidity = rig.bending_over_torsional_rigidity * rig.silicone.torsional_rigidity.value
+    carried = mast_load(rigidity, rig.silicone.length.value, height) / STANDARD_GRAVITY
+    if mass < carried:
+        return
+    found = (
+        f"the silicone alone keeps up to {number(carried, 2)} kg upright, their centre {number(1e3 * height, 3)} mm "
+        f"above the plate, the head has {number(mass, 3)} kg; motors that hold currents let it fall over"
+    )
+    if plan.pretension.mode == "current":
+        yield _refuse(f"{found}; set pretension.mode to position", "pretension.mode")
+    else:
+        yield _warn(f"{found}; hold it upright until all tendons have been pulled to first contact")
+
+
+def mast_load(bending_rigidity: float, length: float, height: float) -> float:
+    """Return the weight [N] at which a clamped column with a rigid mast on it falls over, without shear.
+
+    height: of the weight above the column's end [m]. The root of k h tan(k L) = 1, P = k² E I (0 < k L < π/2); a height
+    of nothing gives π² E I/(4 L²), Euler's free end.
+    """
+    if height <= 0:
+        return float(np.pi**2 * bending_rigidity / (4 * length**2))
+    ratio = height / length
+    turn = optimize.brentq(lambda x: ratio * x * np.sin(x) - np.cos(x), 0.0, np.pi / 2)
+    return float((turn / length) ** 2 * bending_rigidity)
 
 
 def _each_pretension(plan: Plan, values: Sequence[float] | None) -> tuple[float, ...]:
@@ -578,19 +580,17 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
             frequency, amplitude = min(short, key=lambda pair: pair[1])
             full = _full_amplitude_hz(sweep.frequency_hz, reached, sweep.amplitude_deg)
             up_to = f"up to {full:g} Hz" if full is not None else "at none of its frequencies"
-            yield Finding(
-                "note",
+            yield _note(
                 f"sweep asks for {sweep.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive reaches "
-                f"{amplitude:.1f}° there; it reaches {sweep.amplitude_deg:g}° (within {1 - REACHED_SHARE:.0%}) {up_to}",
+                f"{amplitude:.1f}° there; it reaches {sweep.amplitude_deg:g}° (within {1 - REACHED_SHARE:.0%}) {up_to}"
             )
     if (ring := plan.ring_down) is not None and ring.drive == "lever":
         frequency = max(ring.frequency_hz)
         amplitude = math.degrees(drive_reach(rig, math.radians(ring.amplitude_deg), frequency).amplitude_rad)
         if amplitude < REACHED_SHARE * ring.amplitude_deg:
-            yield Finding(
-                "note",
+            yield _note(
                 f"ring_down asks for {ring.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive "
-                f"reaches {amplitude:.1f}° there",
+                f"reaches {amplitude:.1f}° there"
             )
 
 
@@ -598,29 +598,24 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
     """Yield what is short: settling against the damping, frequencies, repeats, the decay against its period."""
     if (sweep := plan.sweep) is not None:
         decay = _slowest_decay(rig, math.radians(sweep.amplitude_deg), min(tension_n, default=0.0))
-        name = "settle_s" if sweep.settle == "fixed" else "settle_most_s"
-        left = math.exp(-decay * sweep.longest_settle_s)
+        left = math.exp(-decay * sweep.settle_s)
         if left > _TRANSIENT_LEFT and sweep.drive == "lever":  # how fast a bending dies is not known here
             enough = (
                 f"{math.ceil(-10 * math.log(_TRANSIENT_LEFT) / decay) / 10:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
                 if decay > 0
                 else "nothing damps it"
             )
-            yield Finding(
-                "warn",
-                f"sweep.{name} = {sweep.longest_settle_s:g} s may leave {left:.0%} of the start transient; {enough}",
-            )
+            yield _warn(f"sweep.settle_s = {sweep.settle_s:g} s may leave {left:.0%} of the start transient; {enough}")
         if len(sweep.frequency_hz) < FEWEST_FREQUENCIES:
-            yield Finding("warn", f"sweep has {too_few_frequencies(len(sweep.frequency_hz))} in sweep.frequency_hz")
+            yield _warn(f"sweep has {too_few_frequencies(len(sweep.frequency_hz))} in sweep.frequency_hz")
         if sweep.repeats < 2:
-            yield Finding("note", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
+            yield _note("sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
     if (ring := plan.ring_down) is not None:
         lowest = min(ring.frequency_hz)
         if ring.record_s * lowest < _DECAY_PERIODS:
-            yield Finding(
-                "warn",
+            yield _warn(
                 f"ring_down.record_s = {ring.record_s:g} s holds {ring.record_s * lowest:.1f} periods at {lowest:g} "
-                f"Hz; {_DECAY_PERIODS / lowest:.1f} s would hold {_DECAY_PERIODS}",
+                f"Hz; {_DECAY_PERIODS / lowest:.1f} s would hold {_DECAY_PERIODS}"
             )
 
 

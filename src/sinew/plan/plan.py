@@ -1,19 +1,120 @@
-"""A campaign: pretensions, sweep, ring-downs, and the segments they unroll to."""
+"""A campaign: pretensions, sweep, ring-downs, the pose of the head at rest, and the segments they unroll to."""
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from sinew.measure.errors import SpecError
-from sinew.measure.recording import Segment
-from sinew.measure.schema import Excitation, SegmentKind
+from sinew.measure.recording import Excitation, Segment, SegmentKind
 from sinew.plan.parameter import NotNegative, Positive, Settings
-from sinew.plan.pose import STRAIGHT, Pose
+
+MOST_BEND_DEG = 90.0
+"""No pose is bent further: a clamped joint of silicone does not get there with its tendons taut."""
+
+_Angle = Annotated[float, Field(ge=-360, le=360)]
+_Tilt = Annotated[float, Field(ge=-MOST_BEND_DEG, le=MOST_BEND_DEG)]
+
+
+def swing_of_bend(bend: float, azimuth: float) -> tuple[float, float]:
+    """Return pitch and roll, the rotation vector about y and z of frame B of a bend towards an azimuth [rad].
+
+    pitch = -bend sin(azimuth), roll = bend cos(azimuth); of a bend of 1 it is the axis.
+    """
+    return -bend * math.sin(azimuth), bend * math.cos(azimuth)
+
+
+def bend_of_swing(pitch: float, roll: float) -> tuple[float, float]:
+    """Return bend and azimuth [rad] of a pitch and roll; an azimuth of 0 where nothing is bent."""
+    bend = math.hypot(pitch, roll)
+    return (bend, math.atan2(-pitch, roll)) if bend > _UPRIGHT else (0.0, 0.0)
+
+
+_UPRIGHT = 1e-9
+"""Bend [rad] below which there is no direction to tell."""
+
+
+class Pose(Settings):
+    """How the head stands at rest, as bend and azimuth or as pitch and roll.
+
+    bend_deg: angle between the x axes of base and head, not negative. azimuth_deg: direction in which the head leans,
+    from the y axis of frame B towards z; the lever at rest lies along y. pitch_deg, roll_deg: components about y and z
+    of the one turn that brings the head there. They say the same, see `swing_of_bend`.
+    """
+
+    bend_deg: Annotated[float, Field(ge=0, le=MOST_BEND_DEG)] | None = None
+    azimuth_deg: _Angle | None = None
+    pitch_deg: _Tilt | None = None
+    roll_deg: _Tilt | None = None
+
+    @model_validator(mode="after")
+    def _one_or_the_other(self) -> "Pose":
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if given not in (["bend_deg", "azimuth_deg"], ["pitch_deg", "roll_deg"]):
+            raise ValueError(
+                f"found {' and '.join(given) or 'nothing'}, expected bend_deg and azimuth_deg or pitch_deg and roll_deg"
+            )
+        if math.degrees(self.bend_rad) > MOST_BEND_DEG * (1 + 1e-12):
+            raise ValueError(
+                f"pitch_deg and roll_deg bend the head by {math.degrees(self.bend_rad):.0f}°, expected at most "
+                f"{MOST_BEND_DEG:g}° in all"
+            )
+        return self
+
+    @property
+    def bend_rad(self) -> float:
+        """Return the bend β [rad], not negative."""
+        return math.radians(self.bend_deg) if self.bend_deg is not None else bend_of_swing(*self.swing_rad)[0]
+
+    @property
+    def azimuth_rad(self) -> float:
+        """Return the azimuth α [rad]; 0 where nothing is bent."""
+        if self.azimuth_deg is not None:
+            return math.radians(self.azimuth_deg)
+        return bend_of_swing(*self.swing_rad)[1]
+
+    @property
+    def swing_rad(self) -> tuple[float, float]:
+        """Return pitch and roll [rad], the rotation vector of the swing about y and z of frame B."""
+        if self.bend_deg is None or self.azimuth_deg is None:
+            return math.radians(self.pitch_deg or 0.0), math.radians(self.roll_deg or 0.0)
+        return swing_of_bend(math.radians(self.bend_deg), math.radians(self.azimuth_deg))
+
+    @property
+    def bend_and_azimuth_deg(self) -> tuple[float, float]:
+        """Return bend and azimuth [deg], as a recording has them; (0, 0) where nothing is bent."""
+        if self.is_straight:
+            return 0.0, 0.0
+        if self.bend_deg is not None and self.azimuth_deg is not None:
+            return self.bend_deg, self.azimuth_deg
+        return math.degrees(self.bend_rad), math.degrees(self.azimuth_rad)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the head stands upright."""
+        return self.bend_rad == 0.0
+
+    def words(self) -> str:
+        """Return the pose in a few words: "a bend of 20° towards 90°", "an upright head"."""
+        if self.is_straight:
+            return "an upright head"
+        bend, azimuth = self.bend_and_azimuth_deg
+        return f"a bend of {bend:.4g}° towards {azimuth:.4g}°"
+
+    def to_json(self) -> dict[str, float]:
+        """Return the pose both ways, as JSON holds it."""
+        bend, azimuth = self.bend_and_azimuth_deg
+        pitch, roll = map(math.degrees, self.swing_rad)
+        return {"bend_deg": bend, "azimuth_deg": azimuth, "pitch_deg": pitch, "roll_deg": roll}
+
+
+STRAIGHT: Pose = Pose(bend_deg=0.0, azimuth_deg=0.0)
+"""The pose of a plan that says nothing of one."""
+
 
 TendonMode = Literal["position", "position-with-current-limit", "current"]
 Held = Literal["command", "lever", "torsion"]
@@ -102,17 +203,26 @@ LEVER_DEG = 20.0
 # circle r: the amplitude is that of a tendon furthest from the axis of the tilt.
 
 
-def _refuse_other_amplitude(part: "Sweep | RingDown") -> None:
-    """Raise ValueError where the amplitude is not of what is driven."""
-    if part.drive == "lever" and part.amplitude_mm is not None:
-        raise ValueError('amplitude_mm is of the tendons; write drive = "pitch" or "roll", or leave it out')
-    if part.drive != "lever" and part.amplitude_mm is None:
-        raise ValueError(f'drive = "{part.drive}" needs amplitude_mm, how much cable the tendons take up')
-    if part.drive != "lever" and part.amplitude_deg != LEVER_DEG:
-        raise ValueError(f'amplitude_deg is of the lever, which is held with drive = "{part.drive}"; leave it out')
+class _Driven(Settings):
+    """What a sweep and a ring-down say of their drive; the amplitude is of what is driven."""
+
+    frequency_hz: tuple[Positive, ...]
+    drive: Drive = "lever"
+    amplitude_deg: Positive = LEVER_DEG
+    amplitude_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _amplitude_of_the_drive(self) -> Self:
+        if self.drive == "lever" and self.amplitude_mm is not None:
+            raise ValueError('amplitude_mm is of the tendons; write drive = "pitch" or "roll", or leave it out')
+        if self.drive != "lever" and self.amplitude_mm is None:
+            raise ValueError(f'drive = "{self.drive}" needs amplitude_mm, how much cable the tendons take up')
+        if self.drive != "lever" and self.amplitude_deg != LEVER_DEG:
+            raise ValueError(f'amplitude_deg is of the lever, which is held with drive = "{self.drive}"; leave it out')
+        return self
 
 
-class Sweep(Settings):
+class Sweep(_Driven):
     """Frequency groups (paper, section 4.1): at each frequency settle, then record whole periods.
 
     frequency_hz: drive frequencies [Hz], increasing.
@@ -121,9 +231,6 @@ class Sweep(Settings):
     settle_s: transient delay before each group [s] (paper: 3 s).
     periods: recorded periods in a group (paper: 5).
     repeats: measurements of each group n_m (paper: 3).
-    settle: fixed waits settle_s; adaptive goes on, by whole periods, until what is left of the start transient is
-    below settle_tolerance of the steady amplitude, or until settle_most_s [s]. Only a bench can adapt: a simulation
-    waits settle_s.
     """
 
     frequency_hz: Annotated[
@@ -132,36 +239,12 @@ class Sweep(Settings):
         _few(MOST_FREQUENCIES, "frequencies"),
         AfterValidator(_increasing),
     ]
-    drive: Drive = "lever"
-    amplitude_deg: Positive = LEVER_DEG
-    amplitude_mm: Positive | None = None
     settle_s: Annotated[float, Field(ge=0, le=3600)] = 3.0
     periods: Count = 5
     repeats: Count = 3
-    settle: Literal["fixed", "adaptive"] = "fixed"
-    settle_tolerance: Annotated[float, Field(ge=1e-4, le=0.5)] = 0.01
-    settle_most_s: Duration = 20.0
-
-    @model_validator(mode="after")
-    def _most_is_not_less(self) -> "Sweep":
-        if self.settle == "adaptive" and self.settle_most_s < self.settle_s:
-            raise ValueError(
-                f"settle_most_s = {self.settle_most_s:g} s is shorter than settle_s = {self.settle_s:g} s; raise it"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _amplitude_of_the_drive(self) -> "Sweep":
-        _refuse_other_amplitude(self)
-        return self
-
-    @property
-    def longest_settle_s(self) -> float:
-        """Longest transient delay before a group [s]."""
-        return self.settle_s if self.settle == "fixed" else self.settle_most_s
 
 
-class RingDown(Settings):
+class RingDown(_Driven):
     """Free decays (paper, section 4.2): drive, stop the drive at its zero crossing, record.
 
     frequency_hz: drive frequency [Hz] at the first and at the last pretension of the plan, linear between.
@@ -172,17 +255,9 @@ class RingDown(Settings):
     """
 
     frequency_hz: tuple[Positive, Positive]
-    drive: Drive = "lever"
-    amplitude_deg: Positive = LEVER_DEG
-    amplitude_mm: Positive | None = None
     drive_s: Duration = 3.0
     record_s: Duration = 3.0
     repeats: Count = 3
-
-    @model_validator(mode="after")
-    def _amplitude_of_the_drive(self) -> "RingDown":
-        _refuse_other_amplitude(self)
-        return self
 
 
 class Impulse(Settings):
@@ -330,7 +405,7 @@ class Plan(Settings):
                 f"found {groups} groups (pretensions x frequencies x repeats), expected at most {MOST_GROUPS}; "
                 "lower repeats or split the campaign"
             )
-        samples = len(self.pretension.pretension_mm) * self._longest_s() * self.sample_hz
+        samples = len(self.pretension.pretension_mm) * self._groups_s() * self.sample_hz
         if samples > MOST_SAMPLES:
             raise ValueError(
                 f"found {samples:.3g} samples in the whole campaign, expected at most {MOST_SAMPLES:.0e}; "
@@ -338,12 +413,12 @@ class Plan(Settings):
             )
         return self
 
-    def _longest_s(self) -> float:
-        """Return how long the groups of one pretension take at most [s], without making them."""
+    def _groups_s(self) -> float:
+        """Return how long the groups of one pretension take [s], without making them."""
         total = self.pretension.rest_s
         if (sweep := self.sweep) is not None:
             recorded = sum(sweep.periods / frequency for frequency in sweep.frequency_hz)
-            total += sweep.repeats * (recorded + len(sweep.frequency_hz) * sweep.longest_settle_s)
+            total += sweep.repeats * (recorded + len(sweep.frequency_hz) * sweep.settle_s)
         if (ring := self.ring_down) is not None:
             total += ring.repeats * (ring.drive_s + 1 / min(ring.frequency_hz) + ring.record_s)
         if self.impulse is not None:
@@ -408,7 +483,7 @@ class Plan(Settings):
 _BLOWS: dict[str, Excitation] = {"torsion": "impulse-torsion", "pitch": "impulse-pitch", "roll": "impulse-roll"}
 
 
-def _driven(part: Sweep | RingDown, pose: Pose) -> dict[str, Any]:
+def _driven(part: _Driven, pose: Pose) -> dict[str, Any]:
     """Return what a group says of its drive and its pose."""
     if part.amplitude_mm is None:
         return {"amplitude_deg": part.amplitude_deg, "pose": pose}

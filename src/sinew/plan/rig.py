@@ -43,8 +43,6 @@ class Wiring(Settings):
     drive_zero_counts: encoder reading with the lever in its middle.
     imu_axes: the axes of the chip that point along x, y and z of the head's frame H; together right-handed.
     latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
-    reads: how a cycle asks all devices: plain, a packet from each, or fast, one packet of all, which motors know from
-    firmware 45 on; left out: fast where a plain cycle would take more than 60 % of the plan's period on the wire.
     measured: names of those of these keys that were found on the bench itself; the others are as somebody wrote them.
     """
 
@@ -60,7 +58,6 @@ class Wiring(Settings):
     drive_zero_counts: int = Field(default=2048, ge=-MOST_TURN_COUNTS, le=MOST_TURN_COUNTS)
     imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     latency_ms: float = Field(default=4.0, gt=0, le=1000)
-    reads: Literal["plain", "fast"] | None = None
     measured: tuple[str, ...] = ()
 
     @classmethod
@@ -486,12 +483,6 @@ class LoadCell(BusSensor):
         return np.asarray(tension_n[..., self.tendon - 1])
 
 
-_SWING_PULLS = 2.0
-# Silicone that is twisted grows longer, and is stiffer in a swing than at rest, so that it sinks less: on the emulated
-# bench swings of 57°, 40° and 28° at 0, 4 and 12 mm pull 1.6, 1.8 and 2.3 times what the lengths alone give (the last
-# 7.6 N, of which LIMIT_RESERVE_N alone is 5).
-
-
 class RigSpec(Settings):
     """A whole test bed, as data.
 
@@ -578,18 +569,24 @@ class RigSpec(Settings):
         """Return the axial stiffness of the untwisted incompressible silicone [N/m]: 3 G A/L."""
         return 3 * self.silicone.stiffness(0.0) * self.area_over_torsion_constant
 
-    def swing_pull(self, torsion: float, taken_up: float = 0.0) -> float:
-        """Return by how much a swing raises the tension of a tendon that is held by position, at most [N].
+    def swing_pull(self, torsion: float, taken_up: float = 0.0, shortened: float = 0.0) -> float:
+        """Return by how much a swing raises the tension of a tendon that is held by position [N].
 
         torsion: its amplitude [rad], by which the span between guides grows to √(ℓ² + r_b² + r_h² - 2 r_b r_h cos φ).
-        taken_up: amplitude of a tendon that drives it [m]. Cable and servo give way, and the silicone under all.
+        taken_up: amplitude of a tendon that drives it [m]. shortened: what the silicone is at rest [m]. Cable and servo
+        give way, and the silicone under all, which pushes by G J φ²/(2 L² λ²) as it is twisted (Rivlin), and resists by
+        G A (1 + 2/λ³)/L at rest. A constant loss factor η makes it stiffer by f^(2η/π), over two decades of f. On the
+        emulated bench swings of 57°, 40° and 28° at 0, 4 and 12 mm pull 1.5, 1.1 and 0.9 N more: the head has mass.
         """
-        tendons = self.tendons
-        base, head, span = tendons.base_radius.value, tendons.head_radius.value, tendons.free_span.value
+        tendons, silicone, stretch = self.tendons, self.silicone, 1 - shortened / self.silicone.length.value
+        base, head, span = tendons.base_radius.value, tendons.head_radius.value, tendons.free_span.value - shortened
         grown = math.sqrt(span**2 + base**2 + head**2 - 2 * base * head * math.cos(torsion))
         longer = grown - math.hypot(span, base - head) + taken_up
+        push = silicone.stiffness(0.0) / silicone.length.value * torsion**2 / (2 * stretch**2)
+        stiffer = math.pow(100, 2 * silicone.loss_factor.value / math.pi) - 1
+        axial = self.axial_stiffness * ((1 + 2 / stretch**3) / 3 + stiffer)
         series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
-        return _SWING_PULLS * longer / (series + tendons.count / self.axial_stiffness)
+        return (longer + push / axial) / (series + tendons.count / axial)
 
     @property
     def bending_over_torsional_rigidity(self) -> float:

@@ -5,18 +5,19 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence, Set
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
-import tomli_w
+import tomlkit
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Table
 
-from sinew.measure.doors import write_text
 from sinew.measure.errors import SpecError
+from sinew.measure.validation import write_text
 from sinew.plan.check import setting_findings
 from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
@@ -54,14 +55,14 @@ def read_spec(shelf: Shelf, path_or_name: str | Path) -> str:
     raise SpecError(f"no {what} {path_or_name}: found no such file, and Sinew ships {', '.join(shipped)}{advice}")
 
 
-def read_ranges(rig: str) -> dict[str, dict[str, Any]] | None:
-    """Return how far each calibrated parameter of a shipped rig can move, by dotted name; None where it is not known.
+def read_posterior(rig: str) -> dict[str, dict[str, Any]] | None:
+    """Return what the paper's numbers leave of each calibrated parameter of a shipped rig; None where it is not known.
 
-    A row is `{"value", "unit", "bounds": [low, high], "alone": [low, high], "together": [low, high]}`, as the
-    calibration writes it beside the rig.
+    By dotted name `{"unit", "prior90": [low, high], "median", "posterior90": [low, high], "ratio", ...}`, SI, as
+    `sinew calibrate --paper --posterior` writes it beside the rig.
     """
-    path = files("sinew").joinpath("rigs", f"{rig}-ranges.json")
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+    path = files("sinew").joinpath("rigs", f"{rig}-posterior.json")
+    return dict(json.loads(path.read_text(encoding="utf-8"))["parameters"]) if path.is_file() else None
 
 
 def _read(path: Path) -> str:
@@ -73,165 +74,83 @@ def _read(path: Path) -> str:
         raise SpecError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-# A failed validation becomes one sentence: key path, what was found, what was expected.
+# A failed validation becomes one sentence a fault: the location as pydantic has it, what was found, what was expected.
 
-_PARAMETER = "{ value, unit, origin, bounds }"
-_PLAIN = {"int": "a whole number", "float": "a number", "str": "a text", "tuple": "a list of numbers"}
+_PLAIN = {int: "a whole number", float: "a number", str: "a text"}
 _PREFIX = re.compile(r"^(Input|String|Tuple|List|Value) should (be |have )?")
-
-
 _MOST_TOLD, _MOST_FAULTS = 4, 100
+
+_Location = tuple[int | str, ...]
+_Spec = TypeVar("_Spec", RigSpec, Plan)
 
 
 def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
     """Return one line on the faults of a rig or plan. what: "rig" or "plan"."""
-    return _in_a_line(error.errors(include_url=False), model, what)
+    lines = [sentence for _, sentence in _faults(error, model, what)]
+    most = len(lines) if len(lines) <= _MOST_TOLD + 1 else _MOST_TOLD
+    return "; ".join([*lines[:most], *([f"{len(lines) - most} more faults"] if most < len(lines) else [])])
 
 
-def _in_a_line(faults: Sequence[ErrorDetails], model: type[BaseModel], what: str) -> str:
-    ordered = _ordered(faults, model)
-    more = len(ordered) - _MOST_TOLD
-    told = [_sentence(one, model, what) for one in (ordered if more == 1 else ordered[:_MOST_TOLD])]
-    return "; ".join([*told, *([f"{more} more faults"] if more > 1 else [])])
+def _faults(error: ValidationError, model: type[BaseModel], what: str) -> list[tuple[_Location, str]]:
+    """Return (location, sentence) of each fault, unknown keys first: what is meant by a misspelt one is not missing."""
+    expected = dict(_expected(model))
+    found = error.errors(include_url=False)
+    unknown = [one["loc"] for one in found if one["type"] == "extra_forbidden"]
+    meant = {loc: _meant(loc, expected) for loc in unknown[:_MOST_FAULTS]}
+    lines = []
+    for loc in unknown:
+        parent = ".".join(map(str, loc[:-1]))
+        keys = [key.removeprefix(f"{parent}.") for key in expected if key.rpartition(".")[0] == parent]
+        near = (meant.get(loc) or "").removeprefix(f"{parent}.")
+        advice = f"did you mean {near}?" if near else f"expected one of {', '.join(keys)}"
+        lines.append((loc, f"unknown {what} key {'.'.join(map(str, loc))}; {advice}"))
+    for one in found:
+        is_meant = one["type"] == "missing" and ".".join(map(str, one["loc"])) in meant.values()
+        if one["type"] != "extra_forbidden" and not is_meant:
+            lines.append((one["loc"], " ".join(_sentence(one, what, expected).split())))
+    return lines
 
 
-def _ordered(faults: Sequence[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
-    """Return unknown keys first, for what is meant by a misspelt one is missing, and that is not told again."""
-    unknown = [one for one in faults if one["type"] == "extra_forbidden"]
-    meant = {(*one["loc"][:-1], _meant(one["loc"], model)) for one in unknown[:_MOST_FAULTS]}
-    others = (one for one in faults if one["type"] != "extra_forbidden")
-    return [*unknown, *(one for one in others if one["type"] != "missing" or one["loc"] not in meant)]
-
-
-def _every_fault(data: Any, model: type[BaseModel]) -> tuple[list[ErrorDetails], Any]:
-    """Return (what is wrong with data, the data without the entries of lists that are wrong).
-
-    pydantic looks at a list or a section as a whole only where each part of it is right. So entries that are wrong are
-    left out, and the rest is looked at again; what is short for want of them is no fault.
-    """
-    data, found, places = _frozen(data), list[ErrorDetails](), set[tuple[Any, str]]()
-    while True:
-        try:
-            model.model_validate(data, strict=True)
-            return found, data
-        except ValidationError as error:
-            faults = error.errors(include_url=False)
-        new = [one for one in faults if not found or one["type"] == "value_error"]
-        new = [one for one in new if (one["loc"], one["type"]) not in places]
-        places |= {(one["loc"], one["type"]) for one in new}
-        found += new
-        entries = {one["loc"] for one in new if one["loc"] and isinstance(one["loc"][-1], int)}
-        if not entries:
-            return found, data
-        data = _without(data, entries)
-
-
-def _without(data: Any, entries: Set[tuple[int | str, ...]], place: tuple[int | str, ...] = ()) -> Any:
-    """Return data without some entries of its lists."""
-    if isinstance(data, dict):
-        return {key: _without(one, entries, (*place, key)) for key, one in data.items()}
-    if isinstance(data, tuple):
-        return tuple(one for index, one in enumerate(data) if (*place, index) not in entries)
-    return data
-
-
-def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> str:
-    where = _dotted(fault["loc"])
-    if fault["type"] == "extra_forbidden":
-        said = f"unknown {what} key {where}; {_advice(fault['loc'], model)}"
-    elif fault["type"] == "missing":
-        said = f"{what} key {where} is missing; expected {_expected(fault, model)}"
-    elif fault["type"] == "value_error":
-        message = str(fault["msg"]).removeprefix("Value error, ")
-        said = f"{what} key {where}: {message}" if where else f"{what}: {message}"
-    else:
-        said = f"{what} key {where}: found {_shown(fault['input'])}, expected {_expected(fault, model)}"
-    return " ".join(said.split())
-
-
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
-
-
-def _dotted(location: tuple[int | str, ...]) -> str:
-    """Return a place as a file has it: the dotted key, and which entry of its list."""
-    text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f", {_ORDINALS[part]} entry" if part < len(_ORDINALS) else f", entry {part + 1}"
-        else:
-            text += f".{part}"
-    return text.removeprefix(".")
-
-
-def _inner_model(annotation: Any) -> type[BaseModel] | None:
-    for candidate in (annotation, *get_args(annotation)):
-        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-            return candidate
-    return None
-
-
-def _model_at(location: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel] | None:
-    found: type[BaseModel] | None = model
-    for part in location:
-        if found is None or part not in found.model_fields:
-            return None
-        found = _inner_model(found.model_fields[str(part)].annotation)
-    return found
-
-
-def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str | None:
-    parent = _model_at(location[:-1], model)
-    close = difflib.get_close_matches(str(location[-1]), parent.model_fields if parent else (), n=1)
-    return close[0] if close else None
-
-
-def _advice(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    if (meant := _meant(location, model)) is not None:
-        return f"did you mean {meant}?"
-    elsewhere = [dotted for dotted in _keys(model) if dotted.rsplit(".", 1)[-1] == location[-1]]
-    if elsewhere:
-        return f"did you mean {elsewhere[0]}?"
-    parent = _model_at(location[:-1], model)
-    return f"expected one of {', '.join(parent.model_fields if parent else ())}"
-
-
-def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    for name, field in model.model_fields.items():
-        yield prefix + name
-        inner = _inner_model(field.annotation)
-        if inner is not None and inner is not Parameter:
-            yield from _keys(inner, f"{prefix}{name}.")
-
-
-def _expected(fault: ErrorDetails, model: type[BaseModel]) -> str:
-    inner = _model_at(fault["loc"], model)
-    if inner is Parameter:
-        return _PARAMETER
-    if inner is not None:
-        return f"a section [{_dotted(fault['loc'])}] with {', '.join(inner.model_fields)}"
+def _sentence(fault: ErrorDetails, what: str, expected: Mapping[str, str]) -> str:
+    loc = fault["loc"]
+    key = "".join(f", entry {part + 1}" if isinstance(part, int) else f".{part}" for part in loc).removeprefix(".")
+    where = f"{what} key {key}" if key else what
+    known = expected.get(key)
+    if fault["type"] == "value_error":
+        return f"{where}: {str(fault['msg']).removeprefix('Value error, ')}"
     if fault["type"] == "missing":
-        keys = [part for part in fault["loc"] if not isinstance(part, int)]
-        parent = _model_at(tuple(keys[:-1]), model)
-        field = parent.model_fields.get(keys[-1]) if parent else None
-        if isinstance(fault["loc"][-1], int) and field is not None:
-            return f"{_entries(field.annotation)} entries"
-        return _PLAIN.get(getattr(field and field.annotation, "__name__", ""), "a value")
-    return _PREFIX.sub("", str(fault["msg"])).replace(" after validation", "")
+        entries = f"at least {loc[-1] + 1} entries" if isinstance(loc[-1], int) else "a value"
+        return f"{where} is missing; expected {known or entries}"
+    found = fault["input"]
+    shown = "a section" if isinstance(found, dict) else repr(list(found) if isinstance(found, tuple) else found)
+    wanted = (
+        known
+        if fault["type"] == "model_type" and known
+        else _PREFIX.sub("", str(fault["msg"])).replace(" after validation", "")
+    )
+    return f"{where}: found {shown if len(shown) <= 60 else f'{shown[:57]}...'}, expected {wanted}"
 
 
-def _entries(annotation: Any) -> int:
-    """Return how many entries the first tuple of a fixed length in an annotation has; 0 where there is none."""
-    parts = get_args(annotation)
-    if get_origin(annotation) is tuple and Ellipsis not in parts:
-        return len(parts)
-    return next(filter(None, map(_entries, parts)), 0)
+def _expected(model: type[BaseModel], before: str = "") -> Iterator[tuple[str, str]]:
+    """Yield (dotted name, what is expected there) of every key and section."""
+    for name, field in model.model_fields.items():
+        dotted, kinds = f"{before}{name}", (field.annotation, *get_args(field.annotation))
+        inner = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+        if inner is None:
+            yield dotted, _PLAIN.get(kinds[0], "a value")
+            continue
+        keys = ", ".join(inner.model_fields)
+        yield dotted, "{ value, unit, origin, bounds }" if inner is Parameter else f"a section [{dotted}] with {keys}"
+        yield from _expected(inner, f"{dotted}.")
 
 
-def _shown(value: object) -> str:
-    if isinstance(value, Mapping):
-        return "a section"
-    text = repr(list(value)) if isinstance(value, tuple) else repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def _meant(location: _Location, expected: Iterable[str]) -> str | None:
+    """Return the key of the same section that a key resembles, else one of its name in another section."""
+    *parents, name = map(str, location)
+    own = {key.rpartition(".")[2]: key for key in expected if key.rpartition(".")[0] == ".".join(parents)}
+    close = difflib.get_close_matches(name, own, n=1)
+    elsewhere = (key for key in expected if key.rpartition(".")[2] == name)
+    return own[close[0]] if close else next(elsewhere, None)
 
 
 MOST_CHARACTERS = 256 * 1024
@@ -245,8 +164,6 @@ _DEEP = re.compile(
     rf"{{{_MOST_PARTS}}}"
 )
 
-_Spec = TypeVar("_Spec", RigSpec, Plan)
-
 _RIG_HEADER = """\
 # A test bed. Each parameter has a value in its unit, an origin (paper, data sheet, measured, calibrated or assumed),
 # the bounds of what is physically thinkable, and a note. Any unit of the right dimension may stand here.
@@ -255,41 +172,16 @@ _PLAN_HEADER = """\
 # A campaign: pretensions to visit; at each of them a sweep, ring-downs, or both.
 """
 
-_FILE_UNITS = {
-    "silicone.length": "mm",
-    "silicone.diameter": "mm",
-    "section.area": "mm^2",
-    "section.torsion_constant": "mm^4",
-    "section.least_moment": "mm^4",
-    "section.greatest_moment": "mm^4",
-    "section.warping_constant": "mm^6",
-    "section.perimeter": "mm",
-    "section.shear_arm": "mm",
-    "space.head_height": "mm",
-    "space.lever_height": "mm",
-    "tendons.base_radius": "mm",
-    "tendons.head_radius": "mm",
-    "tendons.free_span": "mm",
-    "tendons.guide_friction": "mm",
-    "tendons.pulley_radius": "mm",
-    "tendons.current_lsb": "mA",
+_FILE_UNITS = {"m": "mm", "m^2": "mm^2", "m^4": "mm^4", "m^6": "mm^6", "m/s^2": "g_0", "s": "ms"} | {
     "drive.no_load_speed": "rpm",
     "drive.current_lsb": "mA",
+    "tendons.current_lsb": "mA",
     "imu.gyro_range": "deg/s",
     "imu.gyro_lsb": "deg/s",
     "imu.gyro_noise": "deg/s",
     "imu.gyro_bias": "deg/s",
-    "imu.accelerometer_range": "g_0",
-    "imu.accelerometer_lsb": "g_0",
-    "imu.accelerometer_noise": "g_0",
-    "imu.mount_radius": "mm",
-    "imu.residual_delay": "ms",
-    "imu.delay_std": "ms",
-    "bus.stamp_jitter": "ms",
-    "bus.drive_delay": "ms",
-    "repeatability.pretension": "mm",
 }
-"""Units that read better in a file than those that the model keeps."""
+"""Units that read better in a file than those that the model keeps, by that unit or by the name of a parameter."""
 
 _FILE_REMARKS = {
     "space.rest_bend_deg": "at which the silicone was cast",
@@ -301,7 +193,6 @@ _FILE_REMARKS = {
     "limits.safe_state": "release: let the tension go, then torque off; hold: stay, with little current",
     "wiring.baud": "of the bus",
     "wiring.tendon_ids": "of the motors, in the order of the tendons",
-    "wiring.imu_model": "or TurtleBot3, whose firmware has samples at 50 Hz only",
     "wiring.tendon_pull": "1 where more counts of the encoder pull, -1 where they let go",
     "wiring.drive_sign": "1 where more counts turn the lever positively against the head, else -1",
     "wiring.drive_zero_counts": "encoder reading with the lever in its middle",
@@ -311,15 +202,11 @@ _FILE_REMARKS = {
     "calibration.correlation": "lower triangle",
     "wiring.measured": "keys of the wiring that were found on this bench",
     "wiring.latency_ms": "of port, driver and operating system, on top of the time on the wire",
-    "wiring.reads": "how a cycle asks all devices: plain or, in one packet of all, fast",
 }
 """What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""
 
 _UNSAID = (
     "wiring.measured",
-    "sweep.settle",
-    "sweep.settle_tolerance",
-    "sweep.settle_most_s",
     "sweep.drive",
     "ring_down.drive",
 )
@@ -370,26 +257,26 @@ class Fault(NamedTuple):
 
 
 def plan_faults(text: str, rig: RigSpec | None = None) -> list[Fault]:
-    """Return all that is wrong with a TOML text as a plan, each at its line; empty where `parse_plan` takes it.
+    r"""Return all that is wrong with a TOML text as a plan, each at its line; empty where `parse_plan` takes it.
 
     A key that is missing is told at the head of its section. As TOML that cannot be read goes no further, of that there
-    is one fault. rig: with it also which of its limits the numbers that can be read break.
+    is one fault. rig: with it also which of its limits a plan without faults breaks.
 
-    >>> plan_faults('name = "quick"\\n[pretension]\\npretension_mm = 2\\n')[0].line
+    >>> plan_faults('name = "quick"\n[pretension]\npretension_mm = 2\n')[0].line
     3
     """
     try:
-        faults, rest = _every_fault(_read_data(text, "the plan", Plan, "plan"), Plan)
+        data = _read_data(text, "the plan", Plan, "plan")
     except SpecError as trouble:
         return [Fault(_told_line(str(trouble), text), str(trouble))]
-    lines = _Lines(text)
-    told = _ordered(faults, Plan)[:_MOST_FAULTS]
-    found = [Fault(lines.line_of(one["loc"]), _sentence(one, Plan, "plan")) for one in told]
-    if rig is not None:
-        with suppress(ValidationError):
-            for one in setting_findings(Plan.model_validate(rest, strict=True), rig):
-                line = lines.line_of(one.key.split(".")) if one.key else None
-                found.append(Fault(line, one.sentence, is_limit=True))
+    line_of = _lines_of(text)
+    try:
+        plan = Plan.model_validate(_frozen(data), strict=True)
+    except ValidationError as error:
+        found = [Fault(line_of(loc), sentence) for loc, sentence in _faults(error, Plan, "plan")[:_MOST_FAULTS]]
+    else:
+        broken = setting_findings(plan, rig) if rig is not None else ()
+        found = [Fault(line_of(tuple(filter(None, one.key.split(".")))), one.sentence, is_limit=True) for one in broken]
     return sorted(found, key=lambda one: one.line or 0)
 
 
@@ -400,102 +287,72 @@ def _told_line(sentence: str, text: str) -> int | None:
     return text.rstrip().count("\n") + 1 if "end of document" in sentence else None
 
 
-_MOST_SEARCHED = 2_000_000  # characters that are parsed to find lines; a plan takes some thousands
+_MARK = "\N{REFERENCE MARK}"
+_MOST_LINED = 64 * 1024  # characters of a text whose lines are looked for; a plan has some thousands
 
 
-class _Statement(NamedTuple):
-    """A head of a section, or a key with its value. first, last: its lines, from 1. section: in which it stands."""
+def _lines_of(text: str) -> Callable[[_Location], int | None]:
+    """Return what gives the line, from 1, of a key or entry of a valid text, else of the nearest that it lies in.
 
-    first: int
-    last: int
-    section: tuple[str, ...]
-    data: dict[str, Any]
-
-
-class _Lines:
-    """Lines of the statements of a TOML text that is valid: where the key at a path stands.
-
-    Each statement is valid TOML by itself, so the parser finds where it ends.
+    A mark is put where it stands, and found in what tomlkit writes. None where there is no such line.
     """
+    try:
+        document: Any = tomlkit.parse(text) if len(text) <= _MOST_LINED and _MARK not in text else {}
+    except (TOMLKitError, RecursionError):
+        document = {}
 
-    def __init__(self, text: str) -> None:
-        self._lines = text.replace("\r\n", "\n").split("\n")
-        self._left = _MOST_SEARCHED
-        self._statements = list(self._found())
-
-    def line_of(self, location: Sequence[int | str]) -> int | None:
-        """Return the line, from 1, of the key or list entry at a path, else of the nearest that it lies in."""
-        best, depth = None, 0
-        for one in self._statements:
-            reached = _depth(one, location)
-            if reached > depth:
-                best, depth = one, reached
-        if best is None:
+    def line_of(location: _Location) -> int | None:
+        holder, key, at = None, None, document
+        for part in location:
+            try:
+                holder, key, at = at, part, at[part]
+            except (LookupError, TypeError):
+                break
+        if holder is None:
             return None
-        entry = location[depth] if depth < len(location) else None
-        return self._entry_line(best, entry) if isinstance(entry, int) else best.first
+        if isinstance(at, Table) and not at.is_super_table():
+            before, at.trivia.comment = at.trivia.comment, _MARK
+            marked = document.as_string()
+            at.trivia.comment = before
+        else:
+            holder[key] = _MARK
+            marked = document.as_string()
+            holder[key] = at
+        return marked.partition(_MARK)[0].count("\n") + 1 if _MARK in marked else None
 
-    def _entry_line(self, one: _Statement, index: int) -> int:
-        """Return the line of an entry of a list that goes over several lines: the first with which it has so many."""
-        for last in range(one.first, one.last):
-            found = self._parsed("\n".join([*self._lines[one.first - 1 : last], "]"]))
-            while isinstance(found, dict) and len(found) == 1:
-                (found,) = found.values()
-            if isinstance(found, list) and len(found) > index:
-                return last
-        return one.last if one.last > one.first else one.first
-
-    def _found(self) -> Iterator[_Statement]:
-        section: tuple[str, ...] = ()
-        first = 1
-        while first <= len(self._lines) and self._left > 0:
-            last, data = first, None
-            while last <= len(self._lines) and self._left > 0:
-                data = self._parsed("\n".join(self._lines[first - 1 : last]))
-                if data is not None:
-                    break
-                last += 1
-            if data:
-                is_head = self._lines[first - 1].lstrip().startswith("[")
-                section = _path(data) if is_head else section
-                yield _Statement(first, last, section if not is_head else (), data)
-            first = last + 1
-
-    def _parsed(self, text: str) -> dict[str, Any] | None:
-        self._left -= len(text)
-        try:
-            return tomllib.loads(text)
-        except (ValueError, RecursionError):
-            return None
+    return line_of
 
 
-def _path(data: Any) -> tuple[str, ...]:
-    """Return the path of the section that a head opens."""
-    path: list[str] = []
-    while isinstance(data, dict) and data:
-        ((key, data),) = data.items()
-        path.append(key)
-    return tuple(path)
-
-
-def _depth(one: _Statement, location: Sequence[int | str]) -> int:
-    """Return how much of a path a statement reaches; 0 where it stands elsewhere."""
-    if tuple(location[: len(one.section)]) != one.section:
-        return 0
-    depth, data = len(one.section), one.data
-    while depth < len(location) and isinstance(data, dict) and location[depth] in data:
-        data, depth = data[str(location[depth])], depth + 1
-    return depth if depth > len(one.section) else 0
-
-
-def dump_rig(rig: RigSpec) -> str:
+def dump_rig(rig: RigSpec, like: str = "") -> str:
     """Return a rig as TOML, one line a parameter, such that `parse_rig` gives the same rig to the last bit.
+
+    like: the text of a rig from which it was made. Its comments and its order stay, and the lines of what is the same.
 
     >>> import sinew as sn
     >>> "[silicone]" in sn.dump_rig(sn.load_rig("paper"))
     True
     """
-    return _RIG_HEADER + _table(rig)
+    text = _RIG_HEADER + _table(rig)
+    if not like:
+        return text
+    _, header, mine = like.rpartition(_RIG_HEADER)  # what stands before the header, Sinew wrote when it made that file
+    document = tomlkit.parse(header + mine)
+    _update(document, tomlkit.parse(text), parse_rig(like), rig)
+    return document.as_string()
+
+
+def _update(old: Any, new: Any, before: BaseModel | None, after: BaseModel) -> None:
+    """Make a section say what another one says, but for what was the same before."""
+    for key in [key for key in old if key not in new and getattr(before, key, None) != getattr(after, key)]:
+        del old[key]
+    for key, item in new.items():
+        value, was = getattr(after, key), getattr(before, key, None)
+        if key in old and value == was:
+            continue
+        if key in old and isinstance(value, BaseModel) and not isinstance(value, Parameter):
+            _update(old[key], item, was, value)
+        else:
+            old[key] = item
 
 
 def dump_plan(plan: Plan) -> str:
@@ -508,9 +365,12 @@ def dump_plan(plan: Plan) -> str:
     return _PLAN_HEADER + _table(plan)
 
 
-def save_rig(rig: RigSpec, path: Path, head: Sequence[str] = ()) -> None:
-    """Write a rig file, atomically; head: lines of comment before it. Raises FileError where it cannot be written."""
-    write_text(path, "".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig))
+def save_rig(rig: RigSpec, path: Path, head: Sequence[str] = (), like: str = "") -> None:
+    """Write a rig file, atomically. Raises FileError where it cannot be written.
+
+    head: lines of comment before it. like: the text of a rig whose comments are kept, see `dump_rig`.
+    """
+    write_text(path, "".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig, like))
 
 
 def save_plan(plan: Plan, path: Path) -> None:
@@ -523,7 +383,7 @@ def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
     try:
         return model.model_validate(_frozen(data), strict=True)
     except ValidationError as error:
-        raise SpecError(f"{source}: {_in_a_line(_every_fault(data, model)[0], model, what)}") from error
+        raise SpecError(f"{source}: {complaint(error, model, what)}") from error
 
 
 def _read_data(text: str, source: str, model: type[_Spec], what: str) -> dict[str, Any]:
@@ -545,20 +405,14 @@ def _read_data(text: str, source: str, model: type[_Spec], what: str) -> dict[st
     return data
 
 
-_AT = re.compile(r"at line (\d+), column (\d+)")
-
-
 def _found_at(text: str, error: str) -> str:
-    """Return the word at which the parser gave up, or what to write for a decimal comma; empty without a place."""
-    if (at := _AT.search(error)) is None:
+    """Return the word at which the parser gave up, or what to write for a decimal comma; empty without a location."""
+    if (at := re.search(r"at line (\d+), column (\d+)", error)) is None:
         return ""
     line = [*text.splitlines(), ""][min(int(at[1]) - 1, len(text.splitlines()))]
-    column = int(at[2]) - 1
-    decimal = re.search(r"-?\d+$", line[:column]), re.match(r",\d+(?=\s*(#|$))", line[column:])
-    if decimal[0] and decimal[1]:  # no list: there a comma is taken
-        whole, part = decimal[0][0], decimal[1][0]
-        return f"; found {whole}{part}, decimals take a point: {whole}.{part[1:]}"
-    word = re.split(r"[\s,\]}#]", line[column:], maxsplit=1)[0][:40]
+    if decimal := re.search(r"= *(-?\d+),(\d+) *(#|$)", line):  # no list: there a comma is taken
+        return f"; found {decimal[1]},{decimal[2]}, decimals take a point: {decimal[1]}.{decimal[2]}"
+    word = re.split(r"[\s,\]}#]", line[int(at[2]) - 1 :], maxsplit=1)[0][:40]
     return f"; found {word!r} there" if word else ""
 
 
@@ -570,9 +424,7 @@ def _frozen(value: Any) -> Any:
     """Return the same data with tuples for lists: strict validation takes no lists for tuples."""
     if isinstance(value, dict):
         return {key: _frozen(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return tuple(_frozen(inner) for inner in value)
-    return value
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 def _table(model: BaseModel, prefix: str = "") -> str:
@@ -604,7 +456,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _parameter_cells(key: str, parameter: Parameter, dotted: str) -> list[str]:
-    unit, numbers = _best_unit(parameter, _FILE_UNITS.get(dotted, parameter.unit))
+    unit, numbers = _best_unit(parameter, _FILE_UNITS.get(dotted, _FILE_UNITS.get(parameter.unit, parameter.unit)))
     value, low, high, *ends = numbers
     interval = f", interval90 = [{', '.join(ends)}]" if ends else ""
     note = f"note = {_literal(parameter.note)}" if parameter.note else ""
@@ -651,7 +503,7 @@ def _literal(value: object) -> str:
         return _list([_literal(inner) for inner in value])
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         value = int(value)
-    return tomli_w.dumps({"k": value}).removeprefix("k = ").rstrip("\n")
+    return tomlkit.item(value).as_string()
 
 
 def _list(items: Sequence[str]) -> str:

@@ -11,16 +11,16 @@ Peaks are read off the predicted curve as off the measured one: at the measured 
 the bias of such a reading is in both.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.attitude import LeverMotion, measure_lever
-from sinew.analysis.signal.groups import split_by_drive
+from sinew.analysis.signal.harmonics import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.sweep.resonance import estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response
@@ -28,11 +28,16 @@ from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import FEWEST_FREQUENCIES
+from sinew.measure.result import Field, Result, Rows, Table
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
+from sinew.predict.joint import RESOLUTION, lever_problem
 from sinew.solve.branch import Prediction, Swept, sweep
+from sinew.solve.curves import predict
+from sinew.twin.parameters import Effects
 
+_POINTS = ("gain", "phase_from_command_deg", "gain_measured_drive", "phase_lag_deg")
 _READINGS = ("resonance_hz", "gain_peak", "resonance_measured_drive_hz", "gain_peak_measured_drive", "phase_90_hz")
 
 
@@ -86,8 +91,8 @@ class Comparison:
     """A prediction beside a recording.
 
     pretension_mm (p,), frequency_hz (f,). fitted: to which pretensions the rig was calibrated, (p,).
-    points: `gain`, `phase_from_command_rad`, and where the lever was measured `gain_measured_drive` and
-    `phase_lag_rad`, over (p, f). readings: those of the resonance, over (p,), by name.
+    points: `gain`, `phase_from_command_deg`, and where the lever was measured `gain_measured_drive` and
+    `phase_lag_deg`, over (p, f). readings: those of the resonance, over (p,), by name.
     """
 
     pretension_mm: Array
@@ -139,7 +144,7 @@ def compare(
     from_command = _stacked([sweep(branch, f, "up") for branch in command.branches])
     points = {
         "gain": _points(columns["gain"], response.nominal_gain_std * columns["gain"], from_command.amplitude / nominal),
-        "phase_from_command_rad": _lag(response, from_command.phase),
+        "phase_from_command_deg": _lag(response, from_command.phase),
     }
     joint = from_command
     transfer = from_command.fundamental / from_command.drive
@@ -149,7 +154,7 @@ def compare(
         points["gain_measured_drive"] = _points(
             columns["gain_measured_drive"], columns["gain_measured_drive_std"], np.abs(transfer)
         )
-        points["phase_lag_rad"] = _lag(response, joint.phase)
+        points["phase_lag_deg"] = _lag(response, joint.phase)
     fitted = np.array(
         [bool(np.isclose(p, fitted_mm).any()) if len(fitted_mm) else False for p in response.pretension_mm]
     )
@@ -172,12 +177,13 @@ def _points(values: Array, stds: Array, predicted: Array) -> Reading:
 
 
 def _lag(response: Response, predicted: Array) -> Reading:
-    """Return the lag, that of the prediction on the turn of the measured one."""
+    """Return the lag [deg], that of the prediction on the turn of the measured one [rad]."""
     columns = response.columns
     delay = np.nan_to_num(np.nanmax(np.nan_to_num(columns["phase_delay_std_rad"]), axis=2))
     mean = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, delay)
     apart = np.mod(predicted - mean.value + np.pi, 2 * np.pi) - np.pi
-    return Reading(mean.value, mean.std_of_value, mean.low, mean.high, mean.value + apart)
+    parts = (mean.value, mean.std_of_value, mean.low, mean.high, mean.value + apart)
+    return Reading(*(np.degrees(part) for part in parts))
 
 
 def _as_measured(response: Response, command: Swept, transfer: NDArray[np.complex128], nominal: float) -> Response:
@@ -233,26 +239,168 @@ def _readings(measured: xr.Dataset, predicted: xr.Dataset, *, with_lever: bool) 
 Subset = Literal["all", "fitted", "others"]
 
 
-@dataclass(frozen=True)
-class Score:
+@dataclass(frozen=True, repr=False)
+class Score(Result):
     """Errors of one number over the places where it was both measured and predicted.
 
-    Relative errors, predicted over measured less one [1], or differences of angles [rad]; see `is_angle`.
+    Relative errors, predicted over measured less one [1], or differences of angles [deg]; see `is_angle`.
     count: of places. rms, largest: of the error, the measurement's own among it. noise: what rms a perfect prediction
     would have because of the measurement's standard deviations. inside: share of places whose 90 % interval holds the
     prediction.
     """
 
-    count: int
-    rms: float
-    largest: float
-    noise: float
-    inside: float
+    count: Annotated[int, Field("number")]
+    rms: Annotated[float, Field("rms error", unit="")]
+    largest: Annotated[float, Field("largest", unit="")]
+    noise: Annotated[float, Field("noise", unit="")]
+    inside: Annotated[float, Field("inside", unit="%")]
+
+
+@dataclass(frozen=True, repr=False)
+class Met(Result):
+    """One number at one place: measured, predicted, and the error, see `error_of`."""
+
+    measured: Annotated[Estimate, Field("measured")]
+    predicted: Annotated[float, Field("predicted")]
+    error: Annotated[Estimate, Field("error")]
+
+
+_Met = Annotated[Met | None, Field("", "detail")]
+
+
+@dataclass(frozen=True, repr=False)
+class ReadingRow(Result):
+    """Readings of the peak at a pretension, those by the measured lever None without one; `fitted` as of `Against`."""
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    fitted: Annotated[bool, Field("fitted")]
+    resonance_hz: _Met
+    gain_peak: _Met
+    resonance_measured_drive_hz: _Met
+    gain_peak_measured_drive: _Met
+    phase_90_hz: _Met
+
+
+@dataclass(frozen=True, repr=False)
+class PointRow(Result):
+    """Numbers of a steady state, those by the measured lever None without one."""
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    frequency_hz: Annotated[float, Field("frequency")]
+    fitted: Annotated[bool, Field("fitted")]
+    gain: _Met
+    phase_from_command_deg: _Met
+    gain_measured_drive: _Met
+    phase_lag_deg: _Met
+
+
+@dataclass(frozen=True, repr=False)
+class Against(Result):
+    """A prediction held against a recording.
+
+    recording: its file's name. amplitude_deg: of the command. mode: of the motors. fitted_mm: pretensions that the rig
+    was calibrated to. scores: over all pretensions, those fitted to, and the others, by name of the number.
+    """
+
+    comparison: Comparison
+    recording: Annotated[str, Field("", "detail")]
+    amplitude_deg: Annotated[float, Field("", "detail")]
+    mode: Annotated[str, Field("", "detail")]
+    fitted_mm: Annotated[tuple[float, ...], Field("", "detail")]
+    scores: Annotated[Mapping[Subset, Mapping[str, Score]], Field("", "detail")]
+    resonance: Annotated[Rows[ReadingRow], Field("", "detail")]
+    points: Annotated[Rows[PointRow], Field("", "detail")]
+    remarks: Annotated[tuple[str, ...], Field("", "detail")]
+
+    def blocks(self) -> list[Table | str]:
+        """Return how far the prediction is off, a row for each number and subset of the pretensions."""
+        rows = []
+        for name, title in _TITLES.items():
+            factor, unit = (1.0, "°") if is_angle(name) else (100.0, " %")
+            for subset, where in _SUBSETS.items():
+                score = self.scores[subset].get(name) if subset in self.scores else None
+                if score is not None and (subset == "all" or "others" in self.scores):
+                    cells = [f"{factor * part:.2f}{unit}" for part in (score.rms, score.largest)]
+                    rows.append((title if subset == "all" else "", where, str(score.count), *cells))
+        head = ("against the recording", "pretensions", "number", "rms error", "largest")
+        return [Table(head, rows, self.recording), *(f"- {sentence}" for sentence in self.remarks)]
+
+
+_TITLES = {
+    "resonance_hz": "frequency of the fundamental's peak, by the command",
+    "gain_peak": "gain at the peak, by the command",
+    "resonance_measured_drive_hz": "frequency of the peak, by the measured lever",
+    "gain_peak_measured_drive": "gain at the peak, by the measured lever",
+    "phase_90_hz": "frequency of 90° of phase",
+    "gain": "gain, by the command",
+    "phase_from_command_deg": "phase, by the command",
+    "gain_measured_drive": "gain, by the measured lever",
+    "phase_lag_deg": "phase, by the measured lever",
+}
+_SUBSETS: dict[Subset, str] = {"all": "all", "fitted": "fitted to", "others": "not fitted to"}
+
+
+def hold_against(
+    measured: Measured,
+    prediction: Prediction,
+    rig: RigSpec,
+    effects: Effects,
+    fitted_mm: Sequence[float] | None = None,
+    recording: str = "",
+) -> Against:
+    """Return a prediction held against what a recording says.
+
+    prediction: of the rig at the recording's pretensions, with these effects. fitted_mm: pretensions that the rig was
+    calibrated to; None for what it says itself. recording: its name.
+    """
+    lever = None
+    if measured.lever is not None:
+        band = measured.band_hz
+        lever = predict(lever_problem(rig, measured.lever, band, mode=measured.mode, effects=effects), band, RESOLUTION)
+    told = rig.calibration.pretension_mm if rig.calibration is not None else ()
+    fitted = tuple(told if fitted_mm is None else fitted_mm)
+    found = compare(measured, prediction, lever, fitted)
+    scores = scores_of(found)
+    remarks = []
+    if not fitted:
+        remarks.append(
+            "the rig does not say to which pretensions it was calibrated, so none counts as fitted; say it with "
+            "--fitted-mm"
+        )
+    elif "others" not in scores:
+        remarks.append("the rig was calibrated to every pretension of the recording; nothing here is a prediction")
+    if lever is None:
+        remarks.append("the recording has no motion of the lever, so the joint was not compared by it")
+    if measured.effects_off:
+        remarks.append(f"the recording's twin had {', '.join(measured.effects_off)} off, and so has the prediction")
+    places = [(float(mm), bool(known)) for mm, known in zip(found.pretension_mm, found.fitted, strict=True)]
+    resonance = [
+        ReadingRow(mm, known, *(met_at(name, found.readings.get(name), (i,)) for name in _READINGS))
+        for i, (mm, known) in enumerate(places)
+        if found.readings
+    ]
+    points = []
+    for i, (mm, known) in enumerate(places):
+        for j, hertz in enumerate(found.frequency_hz):
+            met = [met_at(name, found.points.get(name), (i, j)) for name in _POINTS]
+            if any(one is not None for one in met):
+                points.append(PointRow(mm, float(hertz), known, *met))
+    return Against(
+        found,
+        recording,
+        measured.amplitude_deg,
+        measured.mode,
+        fitted,
+        scores,
+        Rows(resonance),
+        Rows(points),
+        tuple(remarks),
+    )
 
 
 def is_angle(name: str) -> bool:
-    """Return whether a number's error is a difference of angles [rad] instead of a relative one."""
-    return name.endswith("_rad")
+    """Return whether a number's error is a difference of angles [deg] instead of a relative one."""
+    return name.endswith("_deg")
 
 
 def error_of(name: str, reading: Reading) -> tuple[Array, Array, Array, Array]:
@@ -286,14 +434,15 @@ def scores_of(comparison: Comparison) -> dict[Subset, dict[str, Score]]:
     return found
 
 
-def estimate_at(name: str, reading: Reading, place: tuple[int, ...]) -> tuple[Estimate, float, Estimate]:
-    """Return (measured, predicted, error) at one place."""
+def met_at(name: str, reading: Reading | None, place: tuple[int, ...]) -> Met | None:
+    """Return a number at one place, None where it was not measured or not predicted."""
+    if reading is None:
+        return None
     measured = Estimate(*(float(part[place]) for part in (reading.measured, reading.std, reading.low, reading.high)))
-    return (
-        measured,
-        float(reading.predicted[place]),
-        Estimate(*(float(part[place]) for part in error_of(name, reading))),
-    )
+    predicted = float(reading.predicted[place])
+    if not np.isfinite([measured.value, predicted]).all():
+        return None
+    return Met(measured, predicted, Estimate(*(float(part[place]) for part in error_of(name, reading))))
 
 
 def _score(name: str, reading: Reading, rows: Mask) -> Score:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
+from sinew.measure.result import Column, Result
 from sinew.plan.parameter import Parameter
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
@@ -34,13 +35,17 @@ _TOP, _FEWEST, _DEGREE = 0.9, 7, 4
 _SMALL = 0.05
 
 
-@dataclass(frozen=True)
-class Tube:
+@dataclass(frozen=True, repr=False)
+class Tube(Result):
     """5 %, 50 % and 95 % quantiles of a number over frequency, (g,), NaN where no draw's curve reaches."""
 
-    low: Array
-    median: Array
-    high: Array
+    low: Column
+    median: Column
+    high: Column
+
+    def times(self, factor: float) -> "Tube":
+        """Return it in a unit that is 1/factor as large."""
+        return Tube(*(factor * part for part in (self.low, self.median, self.high)))
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ statics are exact; `cut` says how far the response is off from that of all coord
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ import scipy.linalg
 
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import SpecError
+from sinew.measure.result import Column, Field, Result, Rows, plain
 from sinew.mechanics.drive import holding_stiffness
 from sinew.mechanics.rod import rod_poses
 from sinew.mechanics.silicone import glassy_factor, relaxation_times
@@ -32,11 +33,12 @@ from sinew.plan.check import Finding
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PAPER_TENDON, SERVOS
-from sinew.predict.linear import StateSpace, pole_document
+from sinew.predict.linear import Gear, LinearJoint, StateSpace, linear_joints
 from sinew.predict.modes import Asked, Finder, across_of, out_of_plane
 from sinew.predict.predicted import refuse_pretensions
 from sinew.solve.programs import program
 from sinew.solve.spatial import Linear, Rest, linear_equations, patterns
+from sinew.twin.parameters import Effects
 
 INPUTS = ("lever_rad", "pitch_take_up_m", "roll_take_up_m", "common_take_up_m", "torque_n_m")
 """The lever's angle against the head; how much of its tendons each motor takes up, cosine-like about y and about z, and
@@ -79,19 +81,28 @@ def _seen(linear: Linear, space: Space, q: Array) -> _Seen:
     return _Seen(outputs, np.stack([*pulled, at.by_torsion], axis=1), -linear.lever_row)
 
 
-@dataclass(frozen=True)
-class BentJoint:
-    """One joint at one pose, linear. system: its state space. cut: largest deviation of its response from that of all
-    coordinates, over `CHECKED_HZ`, of the largest response from the same input to the same output."""
+@dataclass(frozen=True, repr=False)
+class BentJoint(StateSpace):
+    """One joint at one pose, linear. cut: largest deviation of its response from that of all coordinates, over
+    `CHECKED_HZ`, of the largest response from the same input to the same output."""
 
-    pretension_mm: float
-    bend_deg: float
-    azimuth_deg: float
-    system: StateSpace
-    tension_n: Array
-    taut: bool
-    guide_stiffness: float
-    cut: float
+    pretension_mm: Annotated[float, Field("pretension")]
+    bend_deg: Annotated[float, Field("bend")]
+    azimuth_deg: Annotated[float, Field("azimuth")]
+    tension_n: Column
+    taut: Annotated[bool, Field("taut")]
+    guide_stiffness_n_m_rad: Annotated[float, Field("guides", unit="N m/rad")]
+    cut: Annotated[float, Field("cut", unit="%")]
+    static_gain: Annotated[Mapping[str, Mapping[str, float]], Field("", "detail")]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON holds it, with its poles; of so many states rounding leaves no zeros of the channels."""
+        return Result.to_dict(self) | {"poles": plain(self.poles())}
+
+    def slowest(self) -> str:
+        """Return the three slowest poles that swing."""
+        swung = [pole.cell() for pole in self.poles() if pole.imag_per_s > 0 and pole.damping_ratio < 1]
+        return "; ".join(swung[:3])
 
 
 def response(
@@ -100,22 +111,19 @@ def response(
     q: Array,
     frequency_hz: Array | Sequence[float],
     swing: float | None = None,
-    outputs: Array | None = None,
-    give: float | None = None,
 ) -> Complexes:
-    """Return outputs by inputs of all coordinates at frequencies [Hz], (f, output, input).
+    """Return outputs by inputs of all coordinates at frequencies [Hz], (f, output, input), the lever locked.
 
     swing: amplitude of the torsion [rad] at which the guides slip, with spring and loss of their fundamental; where
-    None they hold. outputs: slopes of other outputs than `OUTPUTS` by the coordinates (output, 18). give: amplitude
-    [rad] by which the lever gives way where its motor holds it, beside what the input moves; where None it is locked.
+    None they hold.
     """
     seen = _seen(linear, space, q)
     found = []
     for hz in np.atleast_1d(frequency_hz):
         omega = math.tau * float(hz)
-        dynamic = _held(linear, space, omega) + _given(linear, space, omega, swing, give)
+        dynamic = _held(linear, space, omega) + _given(linear, space, omega, swing, None)
         forces = np.column_stack([-(omega**2) * seen.lever, seen.forces])
-        found.append((seen.outputs if outputs is None else outputs) @ np.linalg.solve(dynamic, forces))
+        found.append(seen.outputs @ np.linalg.solve(dynamic, forces))
     return np.array(found)
 
 
@@ -126,7 +134,11 @@ def _held(linear: Linear, space: Space, omega: float) -> Complexes:
 
 
 def _given(linear: Linear, space: Space, omega: float, swing: float | None, give: float | None) -> Complexes:
-    """Return what guides that slip and a lever that gives way add to the dynamic stiffness (18, 18); see `response`."""
+    """Return what guides that slip and a lever that gives way add to the dynamic stiffness (18, 18).
+
+    swing: as of `response`. give: amplitude [rad] by which the lever gives way where its motor holds it, beside what
+    the input moves; where None it is locked.
+    """
     at = linear.around
     more = np.zeros_like(linear.mass, dtype=np.complex128)
     if swing is not None:
@@ -170,7 +182,8 @@ def driven(
 ) -> Driven:
     """Return what moves at a frequency where the guides slip in the very torsion that comes of the drive.
 
-    drive: amplitude of each of `INPUTS`, (5,). outputs: as of `response`, the torsion first. held: the lever is held by
+    drive: amplitude of each of `INPUTS`, (5,). outputs: slopes of other outputs than `OUTPUTS` by the coordinates
+    (output, 18), the torsion first. held: the lever is held by
     its motor, which gives way by what its own torque line and its gear's friction make of that amplitude; else locked.
     """
     omega, seen = math.tau * frequency_hz, _seen(linear, space, q)
@@ -267,41 +280,75 @@ def bent_joints(
         heard = largest > 1e-9 * largest.max(axis=0)
         off = np.abs(cut - whole).max(axis=0)[heard] / largest[heard]
         tension = linear.around.tension
+        static = system.static().T.tolist()
         joints.append(
             BentJoint(
-                mm,
-                bend_deg,
-                azimuth_deg,
-                system,
-                tension,
-                bool(np.all(tension > 0)),
-                linear.guides,
-                float(off.max(initial=0.0)),
+                **vars(system),
+                pretension_mm=mm,
+                bend_deg=bend_deg,
+                azimuth_deg=azimuth_deg,
+                tension_n=tension,
+                taut=bool(np.all(tension > 0)),
+                guide_stiffness_n_m_rad=linear.guides,
+                cut=float(off.max(initial=0.0)),
+                static_gain={
+                    name: dict(zip(OUTPUTS, row, strict=True)) for name, row in zip(INPUTS, static, strict=True)
+                },
             )
         )
     return tuple(joints)
 
 
-def bent_document(joint: BentJoint) -> dict[str, Any]:
-    """Return a bent joint as numbers and lists: matrices, names, poles and static gains."""
-    system = joint.system
-    static = system.d - system.c @ np.linalg.solve(system.a, system.b)
-    return {
-        "pretension_mm": joint.pretension_mm,
-        "bend_deg": joint.bend_deg,
-        "azimuth_deg": joint.azimuth_deg,
-        "tension_n": joint.tension_n.tolist(),
-        "taut": joint.taut,
-        "guide_stiffness_n_m_rad": joint.guide_stiffness,
-        "cut": joint.cut,
-        **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
-        **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
-        "poles": [pole_document(pole) for pole in system.poles()],
-        "static_gain": {
-            source: {output: float(static[o, i]) for o, output in enumerate(system.outputs)}
-            for i, source in enumerate(system.inputs)
-        },
-    }
+# Linear joints of a rig together: what is written for python-control and MATLAB.
+
+
+@dataclass(frozen=True, repr=False)
+class TransferFunctions(Result):
+    """A rig's linear joints. space: of the bent joint, where asked for."""
+
+    rig: Annotated[str, Field("", "detail")]
+    gear: Annotated[str, Field("", "detail")]
+    mode: Annotated[str, Field("", "detail")]
+    effects_off: Annotated[tuple[str, ...], Field("", "detail")]
+    joints: Annotated[
+        Rows[LinearJoint],
+        Field("linear at rest: undamped frequency and damping ratio of the poles that swing"),
+    ]
+    space: Annotated[
+        Rows[BentJoint] | None, Field("in space: lever and tendons to torsion, pitch, roll and axial motion")
+    ] = None
+
+    def closing(self) -> list[str]:
+        """Return the slowest poles in space, and what is left out."""
+        told = [
+            f"in space, at {one.pretension_mm:g} mm the slowest poles are {one.slowest()}" for one in self.space or ()
+        ]
+        first = self.joints[0]
+        return [f"- {one}" for one in (*told, *(f"at {first.pretension_mm:g} mm {note}" for note in first.notes))]
+
+
+def transfer_functions(
+    rig: RigSpec,
+    pretension_mm: Sequence[float],
+    *,
+    gear: Gear = "sliding",
+    mode: TendonMode = "position",
+    effects: Effects | None = None,
+    pose_deg: tuple[float, float] | None = None,
+) -> TransferFunctions:
+    """Return the linear joints of a rig at pretensions [mm].
+
+    gear, mode, effects: as of `linear_joints`. pose_deg: bend and azimuth of the head, for the joint in space. Raises
+    SpecError for a pretension that the rig does not allow, or without such a pose.
+    """
+    refuse_pretensions(rig, pretension_mm)
+    effects = effects or Effects()
+    joints = linear_joints(rig, list(pretension_mm), gear=gear, mode=mode, effects=effects)
+    space = None
+    if pose_deg is not None:
+        space = Rows(bent_joints(rig, pretension_mm, pose_deg[0], azimuth_deg=pose_deg[1], mode=mode))
+    off = tuple(name for name in Effects.names() if not getattr(effects, name))
+    return TransferFunctions(rig.name, gear, mode, off, Rows(joints), space)
 
 
 # The spinal engine: tendons drive a bent head sideways, and it twists.

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,25 +28,21 @@ from scipy.spatial.transform import Rotation
 
 from sinew.measure.arrays import Array, Complexes, wrapped_lag
 from sinew.measure.attitude import tilt_from, torsion_of
-from sinew.measure.errors import SpecError
-from sinew.measure.estimate import all_finite, number
-from sinew.measure.told import Table, Told
+from sinew.measure.estimate import number
+from sinew.measure.result import Column, Field, Result, Rows
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
-from sinew.mechanics.parameters import TENDON_MODES
 from sinew.mechanics.rod import STRAINS, TERMS, memory_energy, rod_poses
 from sinew.mechanics.silicone import BRANCHES, glassy_factor, relaxation_times
 from sinew.mechanics.space import Space, SpaceState, free_acceleration, motion_of, pull_of, tensions
-from sinew.plan.plan import Group, TendonMode
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Group, Pose, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.predicted import refuse_pretensions
+from sinew.predict.predicted import Followed, followed, refuse_drive, refuse_pretensions
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders, slices, solve
-from sinew.solve.branch import Branch
+from sinew.solve.branch import Branch, Search, interpolated_peak
 from sinew.solve.continuation import Stride
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.curves import predict as predict_problem
-from sinew.solve.landmark import Search, interpolated_peak
 from sinew.solve.programs import program
 from sinew.solve.spatial import Linear, around, linear_equations
 from sinew.twin.parameters import Effects
@@ -365,86 +361,73 @@ def motions_of(branch: Branch, problem: Problem, pose: Pose, lane: int = 0) -> M
     return Motions(waves(torsion), waves(tilt[:, 0]), waves(tilt[:, 1]), ends)
 
 
-class Crest(NamedTuple):
-    """Where something is largest along a curve. frequency_hz; torsion, across: amplitudes of their fundamentals;
-    twice: of the tilt in the plane at the double frequency; mean_tilt: of the tilt in the plane [rad]; lever: amplitude
-    [rad]; low, high: tension of any tendon [N]."""
+@dataclass(frozen=True, repr=False)
+class Crest(Result):
+    """Where something is largest along a curve: amplitudes there, of torsion and tilt across those of their
+    fundamentals, of the tilt in the plane that at the double frequency, and its mean. tension_n: lowest and highest."""
 
-    frequency_hz: float
-    torsion: float
-    across: float
-    twice: float
-    mean_tilt: float
-    lever: float
-    low: float
-    high: float
-
-    def document(self) -> dict[str, Any]:
-        """Return it in the units of JSON."""
-        return {
-            "frequency_hz": self.frequency_hz,
-            "torsion_deg": math.degrees(self.torsion),
-            "tilt_across_deg": math.degrees(self.across),
-            "tilt_in_plane_twice_deg": math.degrees(self.twice),
-            "tilt_in_plane_mean_deg": math.degrees(self.mean_tilt),
-            "lever_deg": math.degrees(self.lever),
-            "tension_n": [self.low, self.high],
-        }
+    frequency_hz: Annotated[float, Field("peak")]
+    torsion_deg: Annotated[float, Field("torsion")]
+    tilt_across_deg: Annotated[float, Field("tilt across")]
+    tilt_in_plane_twice_deg: Annotated[float, Field("in plane at 2f")]
+    tilt_in_plane_mean_deg: Annotated[float, Field("", "detail")]
+    lever_deg: Annotated[float, Field("lever")]
+    tension_n: Annotated[tuple[float, float], Field("tensions")]
 
 
-@dataclass(frozen=True)
-class Coupled:
+@dataclass(frozen=True, repr=False)
+class FoldResult(Result):
+    """A fold of a curve; torsion_deg: half of peak to peak."""
+
+    frequency_hz: Annotated[float, Field("frequency")]
+    torsion_deg: Annotated[float, Field("torsion")]
+
+    def cell(self) -> str:
+        """Return it in words."""
+        return f"{number(self.frequency_hz, unit='Hz')}, {number(self.torsion_deg)}°"
+
+
+@dataclass(frozen=True, repr=False)
+class Coupled(Followed):
     """The response of one joint in its pose at one pretension: its curve, and what the head does along it.
 
-    rest_n: tension of each tendon at rest. peak: where the torsion's fundamental is largest; sway: where the tilt in
-    the plane at the double frequency is. None where that lies at an end of the curve.
+    Amplitudes of fundamentals, and where named so of the double frequency, (n,); lags behind the lever. Tensions of
+    each tendon: rest_tension_n at rest (tendon,), lowest and highest over a period (n, tendon). peak: where the
+    torsion's fundamental is largest; sway_peak: where the tilt in the plane at the double frequency is. None where that
+    lies at an end of the curve.
     """
 
-    pretension_mm: float
-    rest_n: Array
     branch: Branch
     seen: Motions
-    peak: Crest | None
-    sway: Crest | None
+    rest_tension_n: Column
+    lever_deg: Column
+    torsion_deg: Column
+    torsion_lag_deg: Column
+    torsion_twice_deg: Column
+    tilt_across_deg: Column
+    tilt_across_lag_deg: Column
+    tilt_in_plane_deg: Column
+    tilt_in_plane_twice_deg: Column
+    tilt_in_plane_mean_deg: Column
+    lowest_tension_n: Column
+    highest_tension_n: Column
+    peak: Annotated[Crest | None, Field("")]
+    sway_peak: Annotated[Crest | None, Field("", "detail")]
+    folds: Annotated[Rows[FoldResult], Field("folds", unit="")]
 
-    @property
-    def lag(self) -> Array:
-        """Return how far the torsion's fundamental lags behind the lever's, (n,) [rad]."""
-        return wrapped_lag(self.seen.torsion[:, 1] / self.branch.drive)
-
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        seen, branch = self.seen, self.branch
-
-        def size(waves: Complexes, order: int) -> list[float]:
-            return np.degrees(np.abs(waves[:, order])).tolist()  # type: ignore[no-any-return]
-
-        return {
-            "pretension_mm": self.pretension_mm,
-            "rest_tension_n": self.rest_n.tolist(),
-            "frequency_hz": branch.frequency_hz.tolist(),
-            "lever_deg": np.degrees(np.abs(branch.drive)).tolist(),
-            "torsion_deg": size(seen.torsion, 1),
-            "torsion_lag_deg": np.degrees(self.lag).tolist(),
-            "torsion_twice_deg": size(seen.torsion, 2),
-            "tilt_across_deg": size(seen.across, 1),
-            "tilt_across_lag_deg": np.degrees(wrapped_lag(seen.across[:, 1] / branch.drive)).tolist(),
-            "tilt_in_plane_deg": size(seen.in_plane, 1),
-            "tilt_in_plane_twice_deg": size(seen.in_plane, 2),
-            "tilt_in_plane_mean_deg": np.degrees(seen.in_plane[:, 0].real).tolist(),
-            "lowest_tension_n": seen.tension[:, :, 0].tolist(),
-            "highest_tension_n": seen.tension[:, :, 1].tolist(),
-            "stable": branch.stable.tolist(),
-            "multiplier": all_finite(branch.multiplier),
-            "folds": [
-                {"frequency_hz": one.frequency_hz, "torsion_deg": math.degrees(one.amplitude)} for one in branch.folds
-            ],
-            "peak": None if self.peak is None else self.peak.document(),
-            "sway_peak": None if self.sway is None else self.sway.document(),
-            "error": branch.error.tolist(),
-            "complete": branch.complete,
-            "message": branch.message,
-        }
+    def of_tendons(self, limit_n: float) -> list[str]:
+        """Return what is to be said of its sway and its tendons. limit_n: of a tension, by the rig."""
+        told, peak, sway = [], self.peak, self.sway_peak
+        if sway is not None:
+            size = f"{number(sway.tilt_in_plane_twice_deg, 3)}°"
+            told.append(f"the tilt in the plane at 2f is largest at {number(sway.frequency_hz, unit='Hz')}, {size}")
+        if min(self.rest_tension_n) <= 0:
+            told.append("a tendon is slack at rest")
+        elif peak is not None and peak.tension_n[0] <= 0:
+            told.append("a tendon goes slack in the swing")
+        if peak is not None and peak.tension_n[1] > limit_n:
+            told.append(f"a tendon is pulled by {peak.tension_n[1]:.0f} N, the rig's limit is {limit_n:g} N")
+        return [f"- at {self.pretension_mm:g} mm {one}" for one in told]
 
 
 def coupled_of(branch: Branch, problem: Problem, pose: Pose, pretension_mm: float, lane: int = 0) -> Coupled:
@@ -454,87 +437,72 @@ def coupled_of(branch: Branch, problem: Problem, pose: Pose, pretension_mm: floa
     rest_n = np.asarray(
         _heads(np.broadcast_to(np.asarray(p.rest).reshape(len(STRAINS), TERMS), (1, len(STRAINS), TERMS)), p.space)[1]
     )[0]
-    torsion, twice = np.abs(seen.torsion[:, 1]), np.abs(seen.in_plane[:, 2])
-    rows = (
-        torsion,
-        np.abs(seen.across[:, 1]),
-        twice,
-        seen.in_plane[:, 0].real,
-        np.abs(branch.drive),
-        seen.tension[:, :, 0].min(axis=1),
-        seen.tension[:, :, 1].max(axis=1),
-    )
 
-    def crest(size: Array) -> Crest | None:
-        if size.size < _FEWEST or int(np.argmax(size)) in (0, size.size - 1):
+    def size(waves: Complexes, order: int) -> Array:
+        return np.degrees(np.abs(waves[:, order]))
+
+    def lag(waves: Complexes) -> Array:
+        return np.degrees(wrapped_lag(waves[:, 1] / branch.drive))
+
+    lever, lowest, highest = np.degrees(np.abs(branch.drive)), seen.tension[:, :, 0], seen.tension[:, :, 1]
+    torsion, across, twice = size(seen.torsion, 1), size(seen.across, 1), size(seen.in_plane, 2)
+    mean = np.degrees(seen.in_plane[:, 0].real)
+    rows = (torsion, across, twice, mean, lever, lowest.min(axis=1), highest.max(axis=1))
+
+    def crest(row: Array) -> Crest | None:
+        if row.size < _FEWEST or int(np.argmax(row)) in (0, row.size - 1):
             return None
-        found = [interpolated_peak(branch.frequency_hz, size, row) for row in rows]
-        return Crest(found[0][0], *(one[2] for one in found))
+        found = [interpolated_peak(branch.frequency_hz, row, one) for one in rows]
+        torsion, across, twice, mean, lever, low, high = (one[2] for one in found)
+        return Crest(found[0][0], torsion, across, twice, mean, lever, (low, high))
 
-    return Coupled(pretension_mm, rest_n, branch, seen, crest(torsion), crest(twice))
+    return Coupled(
+        **vars(followed(branch, pretension_mm)),
+        branch=branch,
+        seen=seen,
+        rest_tension_n=rest_n,
+        lever_deg=lever,
+        torsion_deg=torsion,
+        torsion_lag_deg=lag(seen.torsion),
+        torsion_twice_deg=size(seen.torsion, 2),
+        tilt_across_deg=across,
+        tilt_across_lag_deg=lag(seen.across),
+        tilt_in_plane_deg=size(seen.in_plane, 1),
+        tilt_in_plane_twice_deg=twice,
+        tilt_in_plane_mean_deg=mean,
+        lowest_tension_n=lowest,
+        highest_tension_n=highest,
+        peak=crest(torsion),
+        sway_peak=crest(twice),
+        folds=Rows(FoldResult(one.frequency_hz, math.degrees(one.amplitude)) for one in branch.folds),
+    )
 
 
 _FEWEST = 7  # points about a peak
 
 
 @dataclass(frozen=True, repr=False)
-class PredictedBent(Told):
-    """The response of a rig's joint in a pose: what was asked, and a curve for each pretension."""
+class PredictedBent(Result):
+    """The response of a rig's joint in a pose: what was asked, and a curve for each pretension. spec: the rig."""
 
-    rig: RigSpec
+    spec: RigSpec
     pose: Pose
-    amplitude_deg: float
-    mode: str
-    without: tuple[str, ...]
-    band_hz: tuple[float, float]
-    curves: tuple[Coupled, ...]
+    rig: Annotated[str, Field("", "detail")]
+    bend_deg: Annotated[float, Field("", "detail")]
+    azimuth_deg: Annotated[float, Field("", "detail")]
+    amplitude_deg: Annotated[float, Field("", "detail")]
+    mode: Annotated[str, Field("", "detail")]
+    without: Annotated[tuple[str, ...], Field("", "detail")]
+    band_hz: Annotated[tuple[float, float], Field("", "detail")]
+    curves: Annotated[Rows[Coupled], Field("where the torsion's fundamental is largest")]
 
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
-        return {
-            "rig": self.rig.name,
-            "bend_deg": math.degrees(self.pose.bend_rad),
-            "azimuth_deg": math.degrees(self.pose.azimuth_rad),
-            "amplitude_deg": self.amplitude_deg,
-            "mode": self.mode,
-            "without": list(self.without),
-            "band_hz": list(self.band_hz),
-            "curves": [one.document() for one in self.curves],
-        }
-
-    def told(self) -> list[Table | str]:
-        """Return a row for each pretension where the torsion is largest, and what to know of the curves."""
-        rows = []
-        for one in self.curves:
-            peak, sway = one.peak, one.sway
-            steady = f"{int(one.branch.stable.sum())} of {one.branch.stable.size}"
-            cells = ["-"] * 6
-            if peak is not None:
-                angles = (number(math.degrees(x), 3) + "°" for x in (peak.torsion, peak.across, peak.twice))
-                pulls = f"{peak.low:.0f}-{peak.high:.0f}"
-                cells = [number(peak.frequency_hz), number(math.degrees(peak.lever), 3) + "°", *angles, pulls]
-            where = "-" if sway is None else f"{number(sway.frequency_hz)} Hz, {number(math.degrees(sway.twice), 3)}°"
-            rows.append((f"{one.pretension_mm:g}", *cells, where, str(len(one.branch.folds)), steady))
-        head = (
-            *("pretension/mm", "peak/Hz", "lever", "torsion", "tilt across", "in plane at 2f", "tensions/N"),
-            *("most at 2f", "folds", "stable points"),
-        )
-        bent = f"{self.pose.words()}, command {self.amplitude_deg:g}°: where the torsion's fundamental is largest"
-        told: list[Table | str] = [Table(head, rows, bent)]
-        for one in self.curves:
-            if min(one.rest_n) <= 0:
-                told.append(f"- at {one.pretension_mm:g} mm a tendon is slack at rest")
-            elif one.peak is not None and one.peak.low <= 0:
-                told.append(f"- at {one.pretension_mm:g} mm a tendon goes slack in the swing")
-            if one.peak is not None and one.peak.high > self.rig.limits.tension_n:
-                told.append(
-                    f"- at {one.pretension_mm:g} mm a tendon is pulled by {one.peak.high:.0f} N, the rig's limit is "
-                    f"{self.rig.limits.tension_n:g} N"
-                )
-            if not one.branch.complete or "not" in one.branch.message:
-                told.append(f"- at {one.pretension_mm:g} mm {one.branch.message}")
+    def closing(self) -> list[str]:
+        """Return what to know of the curves, and how good they are."""
+        limit_n = self.spec.limits.tension_n
+        told = [line for one in self.curves for line in (*one.of_tendons(limit_n), *one.remarks())]
         error = max((float(one.branch.error.max(initial=0.0)) for one in self.curves), default=0.0)
-        return [*told, f"error estimate {error:.1e}; {SHAPES} of 18 shapes of the rod"]
+        asked = f"{self.pose.words()}, command {self.amplitude_deg:g}°"
+        return [*told, f"{asked}; error estimate {error:.1e}; {SHAPES} of 18 shapes of the rod"]
 
 
 def predict_bent(
@@ -560,12 +528,7 @@ def predict_bent(
     made = rig if isinstance(rig, RigSpec) else load_rig(rig)
     pretensions = [float(mm) for mm in np.atleast_1d(pretension_mm)]
     refuse_pretensions(made, pretensions)
-    low, high = band_hz
-    if mode not in TENDON_MODES or not 0 < low < high or not amplitude_deg > 0:
-        raise SpecError(
-            f"found mode {mode!r}, {amplitude_deg:g}° and a band from {low:g} to {high:g} Hz; expected one of "
-            f"{', '.join(TENDON_MODES)}, a positive angle, and two positive frequencies, the lower first"
-        )
+    refuse_drive(mode, amplitude_deg, band_hz)
     pose, effects = Pose(bend_deg=bend_deg, azimuth_deg=azimuth_deg), Effects().without(*without)
     curves = []
     for i, mm in enumerate(pretensions):
@@ -574,7 +537,9 @@ def predict_bent(
         problem = coupled_problem(made, [mm], pose, amplitude_deg, band_hz, mode=mode, effects=effects)
         (branch,) = predict_problem(problem, band_hz, resolution_of(problem)).branches
         curves.append(coupled_of(branch, problem, pose, mm))
-    return PredictedBent(made, pose, amplitude_deg, mode, tuple(without), (low, high), tuple(curves))
+    bend_deg, azimuth_deg = math.degrees(pose.bend_rad), math.degrees(pose.azimuth_rad)
+    asked = (bend_deg, azimuth_deg, amplitude_deg, mode, tuple(without), (band_hz[0], band_hz[1]))
+    return PredictedBent(made, pose, made.name, *asked, Rows(curves))
 
 
 def resolution_of(problem: Problem) -> Resolution:

@@ -27,9 +27,9 @@ from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.solve.balance import Coordinate, Equations, Lane, Size
+from sinew.solve.branch import Search
 from sinew.solve.continuation import Stride
 from sinew.solve.curves import Problem, Resolution
-from sinew.solve.landmark import Search
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 

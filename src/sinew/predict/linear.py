@@ -18,7 +18,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import jax
 import jax.flatten_util
@@ -29,8 +29,10 @@ from scipy import io
 from scipy.linalg import null_space
 
 from sinew.measure.arrays import Array, Complexes
-from sinew.measure.doors import write_atomically
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
+from sinew.measure.result import Column, Field, Result, Rows, plain
+from sinew.measure.validation import write_atomically
 from sinew.mechanics.joint import State, derivative, free_lever_acceleration, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES
@@ -55,51 +57,71 @@ _ORIGIN = 1e-6
 """A double root at the origin comes out of the eigenvalues as far from it as the root of their rounding."""
 
 
-@dataclass(frozen=True)
-class Pole:
-    """A pole or zero s [1/s]; frequency |s|/2π [Hz] and damping ratio -Re s/|s|, which is one on the negative real
-    axis and zero at the origin."""
+@dataclass(frozen=True, repr=False)
+class Pole(Result):
+    """A pole or zero s [1/s]; frequency |s|/2π and damping ratio -Re s/|s|, which is one on the negative real axis and
+    zero at the origin."""
 
-    s: complex
+    real_per_s: Annotated[float, Field("real")]
+    imag_per_s: Annotated[float, Field("imaginary")]
+    frequency_hz: Annotated[float, Field("undamped frequency")]
+    damping_ratio: Annotated[float, Field("damping ratio")]
+
+    @classmethod
+    def at(cls, s: complex) -> "Pole":
+        """Return the pole at a place of the complex plane."""
+        return cls(s.real, s.imag, abs(s) / (2 * np.pi), -s.real / abs(s) if s != 0 else 0.0)
 
     @property
-    def frequency_hz(self) -> float:
-        """Return |s|/2π [Hz], the undamped frequency."""
-        return float(abs(self.s) / (2 * np.pi))
+    def s(self) -> complex:
+        """Return its place [1/s]."""
+        return complex(self.real_per_s, self.imag_per_s)
 
-    @property
-    def damping_ratio(self) -> float:
-        """Return -Re s/|s| [1]."""
-        return float(-self.s.real / abs(self.s)) if self.s != 0 else 0.0
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One input and one output: G(s) = gain Π(s - zeros)/Π(s - poles); static: G(0)."""
-
-    input: str
-    output: str
-    zeros: tuple[Pole, ...]
-    gain: float
-    static: float
+    def cell(self) -> str:
+        """Return it in words."""
+        return f"{number(self.frequency_hz, unit='Hz')}, D {number(self.damping_ratio, 3)}"
 
 
-@dataclass(frozen=True)
-class StateSpace:
+@dataclass(frozen=True, repr=False)
+class Channel(Result):
+    """One input and one output: G(s) = gain Π(s - zeros)/Π(s - poles); static_gain: G(0)."""
+
+    input: Annotated[str, Field("input")]
+    output: Annotated[str, Field("output")]
+    zeros: Annotated[Rows[Pole], Field("", "detail")]
+    gain: Annotated[float, Field("gain")]
+    static_gain: Annotated[float, Field("static gain")]
+
+
+@dataclass(frozen=True, repr=False)
+class StateSpace(Result):
     """A linear system in SI. a (n, n), b (n, i), c (o, n), d (o, i); states (n), inputs (i), outputs (o): names with
     their units."""
 
-    a: Array
-    b: Array
-    c: Array
-    d: Array
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    a: Column
+    b: Column
+    c: Column
+    d: Column
+    states: Annotated[tuple[str, ...], Field("", "detail")]
+    inputs: Annotated[tuple[str, ...], Field("", "detail")]
+    outputs: Annotated[tuple[str, ...], Field("", "detail")]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON holds it, with its poles, and zeros and gains of its channels."""
+        channels = Rows(self.channel(output, source) for source in self.inputs for output in self.outputs)
+        return super().to_dict() | {"poles": plain(self.poles()), "channels": plain(channels)}
+
+    def cell(self) -> str:
+        """Return the poles that swing."""
+        return "; ".join(pole.cell() for pole in self.poles() if pole.imag_per_s > 0) or "none"
 
     def poles(self) -> tuple[Pole, ...]:
         """Return the poles, the slowest first."""
         return _sorted(np.linalg.eigvals(self.a).astype(complex))
+
+    def static(self) -> Array:
+        """Return G(0), (o, i)."""
+        return np.asarray(self.d - self.c @ np.linalg.solve(self.a, self.b))
 
     def response(self, frequency_hz: Array | list[float]) -> Complexes:
         """Return G(jω) at frequencies [Hz], shape (f, o, i)."""
@@ -114,14 +136,14 @@ class StateSpace:
         b, c, d = self.b[:, i], self.c[o], float(self.d[o, i])
         zeros, gain = _zeros(self.a, b, c, d)
         static = float(d - c @ np.linalg.solve(self.a, b))
-        return Channel(source, output, _sorted(zeros), gain, static)
+        return Channel(source, output, Rows(_sorted(zeros)), gain, static)
 
 
 def _sorted(roots: Complexes) -> tuple[Pole, ...]:
     """Return roots, the smallest first; those that rounding has moved away from the origin are put back."""
     small = _ORIGIN * np.max(np.abs(roots), initial=0.0)
     clean = [complex(root) if abs(root) > small else 0j for root in roots]
-    return tuple(Pole(s) for s in sorted(clean, key=lambda s: (round(abs(s), 9), s.imag)))
+    return tuple(Pole.at(s) for s in sorted(clean, key=lambda s: (round(abs(s), 9), s.imag)))
 
 
 def _zeros(a: Array, b: Array, c: Array, d: float) -> tuple[Complexes, float]:
@@ -169,19 +191,19 @@ _MEMORY = tuple(name for name in _NAMES if name.startswith("memory"))
 _COUPLING = 1e-9
 
 
-@dataclass(frozen=True)
-class LinearJoint:
-    """One joint at one pretension, linear. drive, lever: the two systems. tension: of each tendon at rest [N].
-    guide_stiffness: of the guides before they slip, μ ΣT/φ_s [N m/rad]. error_limit: error of angle at which the
-    duty is at its limit [rad]. notes: sentences on what is not in it."""
+@dataclass(frozen=True, repr=False)
+class LinearJoint(Result):
+    """One joint at one pretension, linear. tension_n: of each tendon at rest. guide_stiffness_n_m_rad: of the guides
+    before they slip, μ ΣT/φ_s. notes: sentences on what is not in it. drive, lever: the two systems. error_limit: error
+    of angle at which the duty is at its limit [rad]."""
 
-    pretension_mm: float
-    drive: StateSpace
-    lever: StateSpace
-    tension: float
-    guide_stiffness: float
     error_limit: float
-    notes: tuple[str, ...]
+    pretension_mm: Annotated[float, Field("pretension")]
+    tension_n: Annotated[float, Field("tension")]
+    guide_stiffness_n_m_rad: Annotated[float, Field("guides", unit="N m/rad")]
+    notes: Annotated[tuple[str, ...], Field("", "detail")]
+    lever: Annotated[StateSpace, Field("lever as told", unit="")]
+    drive: Annotated[StateSpace, Field("on its servo", unit="")]
 
 
 @program()
@@ -322,13 +344,13 @@ def linear_joints(
         p = jax.tree.map(lambda leaf, i=i: np.asarray(leaf)[i], lanes)._replace(drive_friction=np.asarray(own))
         joints.append(
             LinearJoint(
+                float(p.duty_limit / p.position_gain),
                 group.pretension_mm,
-                _drive(free[0][i], free[1][i], free[2][i]),
-                _lever(told[0][i], told[2][i], told[3][i]),
                 float(tension[i]),
                 float(spring[i]),
-                float(p.duty_limit / p.position_gain),
                 _notes(p, float(tension[i]), float(spring[i]), gear),
+                _lever(told[0][i], told[2][i], told[3][i]),
+                _drive(free[0][i], free[1][i], free[2][i]),
             )
         )
     return tuple(joints)
@@ -337,47 +359,6 @@ def linear_joints(
 # Linear joints become files: JSON for python-control and everybody else, MAT for MATLAB.
 
 _SYSTEMS = ("drive", "lever")
-
-
-def pole_document(pole: Pole) -> dict[str, float]:
-    """Return a pole or zero as JSON holds it."""
-    return {
-        "real_per_s": pole.s.real,
-        "imag_per_s": pole.s.imag,
-        "frequency_hz": pole.frequency_hz,
-        "damping_ratio": pole.damping_ratio,
-    }
-
-
-def _channel(channel: Channel) -> dict[str, Any]:
-    return {
-        "input": channel.input,
-        "output": channel.output,
-        "zeros": [pole_document(zero) for zero in channel.zeros],
-        "gain": channel.gain,
-        "static_gain": channel.static,
-    }
-
-
-def system_document(system: StateSpace) -> dict[str, Any]:
-    """Return a state space as numbers and lists: its matrices, names, poles, and zeros and gains of its channels."""
-    return {
-        **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
-        **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
-        "poles": [pole_document(pole) for pole in system.poles()],
-        "channels": [_channel(system.channel(o, i)) for i in system.inputs for o in system.outputs],
-    }
-
-
-def joint_document(joint: LinearJoint) -> dict[str, Any]:
-    """Return a linear joint as numbers, lists and sentences."""
-    return {
-        "pretension_mm": joint.pretension_mm,
-        "tension_n": joint.tension,
-        "guide_stiffness_n_m_rad": joint.guide_stiffness,
-        "notes": list(joint.notes),
-        **{name: system_document(getattr(joint, name)) for name in _SYSTEMS},
-    }
 
 
 def _cells(values: Sequence[Any]) -> Any:
@@ -421,7 +402,7 @@ def write_transfer(
     return files
 
 
-# ---- describing function of a steady motion, its fundamental alone: gain, lag, stiffness and damping over amplitude
+# ---- the fundamental of a steady motion alone: stiffness and damping over amplitude
 #
 # With the phasors of the fundamentals, torsion Φ, lever Θ and a torque M from outside, the fundamental of the equation
 # of motion of the head is
@@ -438,23 +419,12 @@ _HIGHEST_SHARE = 5
 
 @dataclass(frozen=True)
 class Equivalent:
-    """stiffness k [N m/rad] and damping d [N m s/rad] that take the fundamental's place, (n,); damping_ratio
-    d/(2 sqrt(k I)), not a number where k is not positive."""
+    """Stiffness k and damping d that take the fundamental's place, (n,); damping_ratio d/(2 sqrt(k I)), not a number
+    where k is not positive."""
 
-    stiffness: Array
-    damping: Array
+    stiffness_n_m_rad: Array
+    damping_n_m_s_rad: Array
     damping_ratio: Array
-
-
-@dataclass(frozen=True)
-class Describing:
-    """Ratios of fundamentals along a curve, complex, (n,): torsion over command, torsion over lever, lever over
-    command; and the equivalent spring and damper of the joint."""
-
-    torsion_per_command: Complexes
-    torsion_per_lever: Complexes
-    lever_per_command: Complexes
-    equivalent: Equivalent
 
 
 def harmonic_shares(branch: Branch) -> dict[int, Array]:
@@ -489,18 +459,3 @@ def equivalent_of_oscillator(branch: Branch, one: Oscillator, share: Array | flo
     omega = 2 * np.pi * branch.frequency_hz
     push = -1j * share * (one.torque + one.inertia * omega**2 * one.base)
     return _equivalent(branch, one.inertia, np.asarray(push, dtype=complex))
-
-
-def lever_phasor(branch: Branch, command: float, *, prescribed: bool) -> Complexes:
-    """Return the complex amplitude of the lever's fundamental [rad], (n,).
-
-    command: amplitude A of the command A sin Ωt [rad]. prescribed: whether the lever follows it exactly.
-    """
-    return branch.drive * command if prescribed else branch.drive
-
-
-def describing_function(branch: Branch, command: float, rig: RigSpec, *, prescribed: bool = False) -> Describing:
-    """Return the describing function of a rig's joint along a curve at one amplitude of the command [rad]."""
-    torsion, lever = branch.phasor, lever_phasor(branch, command, prescribed=prescribed)
-    asked = -1j * command
-    return Describing(torsion / asked, torsion / lever, lever / asked, equivalent_of_rig(branch, lever, rig))

@@ -1,4 +1,4 @@
-"""Multibody: a rig's joint as rigid bodies on springs, for MuJoCo (MJCF) and what reads URDF.
+"""Multibody: a rig's joint as rigid bodies on springs, for MuJoCo (MJCF).
 
 The silicone is a chain of pieces. Between two of them sits a joint with the six strains of `sinew.mechanics.rod`: three
 slides, three hinges, on springs that are the slopes of its energy at rest, so every number comes from the mechanics and
@@ -15,7 +15,7 @@ in the file: the guides' friction, and how the silicone hardens, in a swing of o
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import jax
@@ -25,19 +25,19 @@ from scipy.spatial.transform import Rotation
 
 from sinew import __version__
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY
+from sinew.measure.validation import as_path, write_text
 from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
 from sinew.mechanics.rod import STRAINS, TERMS, section_springs
 from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxation_times, twist_rigidity
 from sinew.mechanics.space import Space
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec, moments_of
-from sinew.predict.modes import Asked, Finder, FoundMode
+from sinew.predict.modes import Asked, Finder
 from sinew.predict.pose import guides_of, sections_at, strains_at
 from sinew.predict.predicted import refuse_pretensions
-from sinew.solve.first import FreeSwing, SwingSprings, swing_springs
+from sinew.solve.rest import FreeSwing, SwingSprings, swing_springs
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters
 
@@ -45,16 +45,13 @@ PIECES = 6
 """Joints of the silicone's chain; see docs/how-to/simulators.md for what fewer and more of them are worth."""
 
 _MOST_PIECES = 40
-_NO_MASS = 1e-6  # [kg], [kg m²]: of links between two hinges, which simulators want to weigh something
 _LIGHT = 1e-3  # a memory's mass over what its damper holds in the time it takes to forget
 _NOTHING = 1e-14  # what rounding leaves, in SI
 _SMALL = 1e-3  # a swing in which guides hold [rad]
 _MOST_N = 1e4  # a motor that holds a position is not limited; MuJoCo's range wants a number
-_UP = np.array([1.0, 0.0, 0.0])
 _STEPS_S = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5, 1e-5)
 _MOST_PHASE = 0.6  # of the fastest vibration in one time step [rad]
-Format = Literal["mjcf", "urdf"]
-ENDINGS: dict[str, Format] = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}
+ENDINGS = (".xml", ".mjcf")
 
 
 class Link(NamedTuple):
@@ -86,25 +83,14 @@ class Memory(NamedTuple):
     time: float
 
 
-class Pivot(NamedTuple):
-    """A swing of the head as a hinge. axis: in B (3,); reach: from the hinge up to the plate [m]; frequency [Hz] and
-    damping ratio of the mode that it stands for."""
-
-    name: str
-    axis: Array
-    reach: float
-    frequency_hz: float
-    damping: float
-
-
 class Bodies(NamedTuple):
-    """A joint as bodies on springs, in SI and frame B: what every format is written from.
+    """A joint as bodies on springs, in SI and frame B: what the model is written from.
 
     links: from the foot up; memory: of their strains. plate, turned: where the head's plate rests (3,), (3, 3). joint:
     numbers of tendons and drive. feet, guides: of the tendons in B and H (tendon, 3). cable_end, tension: of each at
     rest (tendon,). guide_spring, guide_damping: on the head's torsion, of guides and viscous damper. head, lever:
     (mass, height above the plate, tensor (3,)). radius: of the silicone. torsion_hz, sway_hz: at which its memory is
-    taken; swing: [rad]. pivots: its modes as hinges, slower sway, faster sway and torsion; none in a bent pose.
+    taken; swing: [rad]. modes: (frequency [Hz], damping ratio) of the sways and the torsion; none in a bent pose.
     """
 
     links: tuple[Link, ...]
@@ -125,7 +111,7 @@ class Bodies(NamedTuple):
     torsion_hz: float
     sway_hz: float
     swing: float
-    pivots: tuple[Pivot, ...]
+    modes: dict[str, tuple[float, float]]
 
 
 def joint_bodies(rig: RigSpec, asked: Asked, pieces: int = PIECES, *, sway: bool = True) -> Bodies:
@@ -227,7 +213,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
         torsion_hz=hz,
         sway_hz=math.nan,
         swing=swing,
-        pivots=(Pivot("torsion", _UP, 0.0, hz, float(found.damping_ratio)),),
+        modes={"torsion": (hz, float(found.damping_ratio))},
     )
 
 
@@ -279,30 +265,14 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
         torsion_hz=torsion_hz,
         sway_hz=sway_hz,
         swing=swing,
-        pivots=() if bend_deg else _pivots(sways, q, space, torsion_hz, float(straight.damping_ratio)),
+        modes={}
+        if bend_deg
+        else {f"sway_{mode.group}": (mode.frequency_hz, mode.damping) for mode in sways}
+        | {"torsion": (torsion_hz, float(straight.damping_ratio))},
     )
     # A tendon's length in the chain differs from the rod's where it runs in a channel: its end goes with it.
     longer = _tendon_lengths(bodies) - np.asarray(linear.around.spans)
     return bodies._replace(cable_end=bodies.cable_end + longer)
-
-
-def _pivots(
-    sways: Sequence[FoundMode], q: Array, space: Space, torsion_hz: float, torsion_damping: float
-) -> tuple[Pivot, ...]:
-    """Return the modes of a straight joint as hinges.
-
-    A sway turns the head about an axis across, as far below the plate as the plate moves aside over how far it tilts.
-    """
-    found = []
-    for mode in sways:
-        step = _SMALL * mode.shape.reshape(q.shape)
-        (one,), (other,) = (sections_at(q + sign * step, space, np.array([1.0]))[0] for sign in (1, -1))
-        aside = (one - other) / (2 * _SMALL)
-        axis = np.cross(_UP, aside) / np.linalg.norm(aside)
-        reach = float(np.linalg.norm(aside)) / math.hypot(mode.tilt_in_plane, mode.tilt_across)
-        name = "sway_in_plane" if mode.group == "in_plane" else "sway_across"
-        found.append(Pivot(name, axis, reach, mode.frequency_hz, mode.damping))
-    return (*found, Pivot("torsion", _UP, 0.0, torsion_hz, torsion_damping))
 
 
 def _chain(
@@ -391,26 +361,25 @@ def _quaternion(matrix: Array) -> str:
     return _text(w, x, y, z)
 
 
-def _add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
-    return ET.SubElement(parent, tag, {name.rstrip("_"): value for name, value in attributes.items()})
-
-
-def _remark(parent: ET.Element, sentence: str) -> None:
+def _remark(sentence: str) -> str:
     # XML allows no two hyphens in a row within a comment, which the name of a rig may have.
-    parent.append(ET.Comment(f" {sentence.replace('--', '- -').replace('--', '- -')} "))
+    return f"<!-- {sentence.replace('--', '- -').replace('--', '- -')} -->"
 
 
-def _joint_kind(strain: str) -> tuple[str, str, str]:
-    """Return (type, axis, name of the damped motion) of a strain's joint in MJCF."""
-    index = STRAINS.index(strain)
-    axis = ("1 0 0", "0 1 0", "0 0 1")[index % 3]
-    return ("hinge" if index < 3 else "slide"), axis, strain
+def _sites(name: str, points: Array) -> str:
+    return "".join(f'<site name="{name}{i + 1}" pos="{_text(*point)}"/>' for i, point in enumerate(points))
 
 
-def _in_joints_order(link: Link) -> list[int]:
-    """Return places of the link's strains in the order of its joints: slides in the section below, then hinges."""
-    indices = [STRAINS.index(strain) for strain in link.strains]
-    return sorted(range(len(indices)), key=lambda i: (indices[i] < 3, indices[i]))
+def _inertial(place: Sequence[float] | Array, mass: float, moments: str) -> str:
+    return f'<inertial pos="{_text(*place)}" mass="{_text(mass)}" diaginertia="{moments}"/>'
+
+
+def _joint(strain: str, index: int, stiffness: float, stress: float) -> str:
+    """Return the joint of a strain: a hinge for curvatures, else a slide, sprung back from its stress at rest."""
+    at = STRAINS.index(strain)
+    axis, kind = ("1 0 0", "0 1 0", "0 0 1")[at % 3], "hinge" if at < 3 else "slide"
+    spring = f'stiffness="{_text(stiffness)}" springref="{_text(-stress / stiffness)}"'
+    return f'<joint name="{strain}{index}" type="{kind}" axis="{axis}" {spring}/>'
 
 
 def time_step(bodies: Bodies) -> float:
@@ -425,157 +394,142 @@ def time_step(bodies: Bodies) -> float:
 
 def write_mjcf(bodies: Bodies, heading: Sequence[str]) -> str:
     """Return the MJCF of a joint. heading: sentences of what it is, for the comment at its top."""
-    root = ET.Element("mujoco", model="sinew")
-    _remark(root, "\n  ".join(["", *heading, *_lacks(bodies)]) + "\n")
-    _add(root, "compiler", angle="radian", autolimits="true")
-    _add(root, "option", timestep=_text(time_step(bodies)), integrator="implicitfast", gravity="0 0 -9.80665")
-    default = _add(root, "default")
-    _add(default, "geom", contype="0", conaffinity="0", mass="0", rgba="0.85 0.83 0.75 1")
-    _add(default, "site", size="0.0025", rgba="0.2 0.2 0.2 1")
+    sway = "" if math.isnan(bodies.sway_hz) else f", of bend and shear at {bodies.sway_hz:.4g} Hz"
+    head, lines = "\n  ".join(["", *heading, *_lacks(bodies)]) + "\n", range(1, len(bodies.feet) + 1)
+    friction = f'stiffness="{_text(bodies.guide_spring)}" damping="{_text(bodies.guide_damping)}"'
+    root = ET.XML(
+        f"""<mujoco model="sinew">{_remark(head)}
+<compiler angle="radian" autolimits="true"/>
+<option timestep="{_text(time_step(bodies))}" integrator="implicitfast" gravity="0 0 -9.80665"/>
+<default>
+  <geom contype="0" conaffinity="0" mass="0" rgba="0.85 0.83 0.75 1"/>
+  <site size="0.0025" rgba="0.2 0.2 0.2 1"/>
+</default>
+<worldbody>
+  <light pos="0.3 -0.3 0.8" dir="-0.3 0.3 -0.8"/>
+  {_remark("Frame B of the rig: x along the unloaded silicone, here upwards; y where the lever's arms rest.")}
+  <body name="base" xyaxes="0 0 1 1 0 0">
+    <geom type="cylinder" fromto="-0.008 0 0 0 0 0" size="{_text(1.2 * bodies.radius)}" rgba="0.3 0.3 0.3 1"/>
+    {_sites("base", bodies.feet)}
+    {_remark(_OF_SILICONE)}
+    {_chain_text(bodies)}
+  </body>
+  {_remark(f"{_OF_MEMORY} {bodies.torsion_hz:.4g} Hz{sway}. {_OF_MASSES}")}
+  {"".join(map(_memory_body, bodies.memory))}
+</worldbody>
+<tendon>
+  {_remark("Cables between their guides; what pulls them are the actuators, one for each.")}
+  {"".join(_cable(bodies, i) for i in lines)}
+  {_remark(f"{_OF_GUIDES} {math.degrees(bodies.swing):.3g}°; the real one is a hysteresis.")}
+  <fixed name="guides" {friction} springlength="0">
+    {"".join(f'<joint joint="twist{i}" coef="1"/>' for i in range(len(bodies.links)))}
+  </fixed>
+  {"".join(map(_memory_spring, bodies.memory))}
+</tendon>
+{_actuators(bodies)}
+<sensor>
+  <tendonpos name="torsion" tendon="guides"/>
+  <jointpos name="lever_angle" joint="lever"/>
+  <gyro name="gyro" site="imu"/>
+  <accelerometer name="accelerometer" site="imu"/>
+  {"".join(f'<tendonpos name="span{i}" tendon="tendon{i}"/>{_pull_sensor(i)}' for i in lines)}
+</sensor>
+</mujoco>""",
+        ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)),
+    )
+    for element in root.iter():
+        element.tail = None
+        if not (element.text or "").strip():
+            element.text = None
+    ET.indent(root, "  ")
+    return ET.tostring(root, encoding="unicode") + "\n"
 
-    world = _add(root, "worldbody")
-    _add(world, "light", pos="0.3 -0.3 0.8", dir="-0.3 0.3 -0.8")
-    _remark(world, "Frame B of the rig: x along the unloaded silicone, here upwards; y where the lever's arms rest.")
-    base = _add(world, "body", name="base", xyaxes="0 0 1 1 0 0")
-    _add(
-        base, "geom", type="cylinder", fromto="-0.008 0 0 0 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1"
-    )
-    _sites(base, "base", bodies.feet)
-    _remark(
-        base,
-        "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that "
-        "of twist in the swing that the guides have. springref: its stress at rest.",
-    )
-    parent, place, turned = base, np.zeros(3), np.eye(3)
+
+_OF_SILICONE = (
+    "The silicone: slopes of its relaxed energy per length at rest (neo-Hookean, compressed by the tendons); that of "
+    "twist in the swing that the guides have. springref: its stress at rest."
+)
+_OF_MEMORY = "The silicone's memory: Maxwell elements, storage and loss of the twin's four branches for twist at"
+_OF_MASSES = "Each is a mass so small that it only moves with its damper."
+_OF_GUIDES = "Friction of the guides on the head's torsion: spring and loss of its fundamental in a swing of"
+
+
+def _chain_text(bodies: Bodies) -> str:
+    """Return the pieces of the silicone within each other, the head on the last."""
+    opened, place, turned = [], np.zeros(3), np.eye(3)
     passed = _waypoints(bodies)
     for i, link in enumerate(bodies.links):
-        body = _add(
-            parent,
-            "body",
-            name=f"core{i}",
-            pos=_text(*(turned.T @ (link.place - place))),
-            quat=_quaternion(turned.T @ link.turned),
-        )
-        for k in _in_joints_order(link):
-            kind, axis, name = _joint_kind(link.strains[k])
-            _add(
-                body,
-                "joint",
-                name=f"{name}{i}",
-                type=kind,
-                axis=axis,
-                stiffness=_text(link.stiffness[k]),
-                springref=_text(-link.stress[k] / link.stiffness[k]),
-            )
+        frame = f'pos="{_text(*(turned.T @ (link.place - place)))}" quat="{_quaternion(turned.T @ link.turned)}"'
+        parts = [f'<body name="core{i}" {frame}>']
+        # Slides in the section below, then hinges.
+        springs = sorted(zip(link.strains, link.stiffness, link.stress, strict=True), key=lambda one: _is_hinge(one[0]))
+        parts += [_joint(strain, i, stiffness, stress) for strain, stiffness, stress in springs]
         above = bodies.links[i + 1].place if i + 1 < len(bodies.links) else bodies.plate
         if link.mass > 0:
-            _add(
-                body,
-                "inertial",
-                pos=_text(*(link.turned.T @ (link.centre - link.place))),
-                mass=_text(link.mass),
-                diaginertia=_exact(*link.tensor),
-            )
-            reach = link.turned.T @ (above - link.place)
-            _add(body, "geom", type="cylinder", fromto=_text(0, 0, 0, *reach), size=_text(bodies.radius))
+            parts.append(_inertial(link.turned.T @ (link.centre - link.place), link.mass, _exact(*link.tensor)))
+            reach = _text(0, 0, 0, *(link.turned.T @ (above - link.place)))
+            parts.append(f'<geom type="cylinder" fromto="{reach}" size="{_text(bodies.radius)}"/>')
         if passed:
-            _sites(body, f"core{i}_", (passed[i] - link.place) @ link.turned)
-        parent, place, turned = body, link.place, link.turned
-    _head(parent, place, turned, bodies)
-    sway = "" if math.isnan(bodies.sway_hz) else f", of bend and shear at {bodies.sway_hz:.4g} Hz"
-    _remark(
-        world,
-        "The silicone's memory: Maxwell elements, storage and loss of the twin's four branches for twist at "
-        f"{bodies.torsion_hz:.4g} Hz{sway}. Each is a mass so small that it only moves with its damper.",
-    )
-    for one in bodies.memory:
-        hidden = _add(world, "body", name=f"memory_{one.strain}_{one.order}")
-        damper = one.stiffness * one.time
-        _add(hidden, "joint", name=hidden.attrib["name"], type="slide", axis="1 0 0", damping=_text(damper))
-        light = _text(_LIGHT * damper * one.time)
-        _add(hidden, "inertial", pos="0 0 0", mass=light, diaginertia=f"{light} {light} {light}")
-
-    tendons = _add(root, "tendon")
-    _remark(tendons, "Cables between their guides; what pulls them are the actuators, one for each.")
-    for i in range(len(bodies.feet)):
-        cable = _add(tendons, "spatial", name=f"tendon{i + 1}", width="0.001", rgba="0.4 0.4 0.45 1")
-        for name in ("base", *(f"core{k}_" for k in range(len(passed))), "head"):
-            _add(cable, "site", site=f"{name}{i + 1}")
-    _remark(
-        tendons,
-        "Friction of the guides on the head's torsion: spring and loss of its fundamental in a swing of "
-        f"{math.degrees(bodies.swing):.3g}°; the real one is a hysteresis.",
-    )
-    guides = _add(
-        tendons,
-        "fixed",
-        name="guides",
-        stiffness=_text(bodies.guide_spring),
-        damping=_text(bodies.guide_damping),
-        springlength="0",
-    )
-    for i in range(len(bodies.links)):
-        _add(guides, "joint", joint=f"twist{i}", coef="1")
-    for one in bodies.memory:
-        name = f"memory_{one.strain}_{one.order}"
-        spring = _add(tendons, "fixed", name=name, stiffness=_text(one.stiffness), springlength="0")
-        for i, weight in enumerate(one.weights):
-            _add(spring, "joint", joint=f"{one.strain}{i}", coef=_text(weight))
-        _add(spring, "joint", joint=name, coef="-1")
-    _actuators(root, bodies)
-    sensors = _add(root, "sensor")
-    _add(sensors, "tendonpos", name="torsion", tendon="guides")
-    _add(sensors, "jointpos", name="lever_angle", joint="lever")
-    _add(sensors, "gyro", name="gyro", site="imu")
-    _add(sensors, "accelerometer", name="accelerometer", site="imu")
-    for i in range(len(bodies.feet)):
-        _add(sensors, "tendonpos", name=f"span{i + 1}", tendon=f"tendon{i + 1}")
-        _add(sensors, "actuatorfrc", name=f"pull{i + 1}", actuator=f"motor{i + 1}")
-    return _document(root)
+            parts.append(_sites(f"core{i}_", (passed[i] - link.place) @ link.turned))
+        opened.append("".join(parts))
+        place, turned = link.place, link.turned
+    return "".join(opened) + _head(place, turned, bodies) + "</body>" * len(opened)
 
 
-def _sites(body: ET.Element, name: str, points: Array) -> None:
-    for i, point in enumerate(points):
-        _add(body, "site", name=f"{name}{i + 1}", pos=_text(*point))
+def _is_hinge(strain: str) -> bool:
+    return STRAINS.index(strain) < 3
 
 
-def _head(parent: ET.Element, place: Array, turned: Array, bodies: Bodies) -> None:
-    """Add the head plate, its board and the lever on it, whose arms lie along y."""
-    head = _add(
-        parent,
-        "body",
-        name="head",
-        pos=_text(*(turned.T @ (bodies.plate - place))),
-        quat=_quaternion(turned.T @ bodies.turned),
-    )
-    mass, height, tensor = bodies.head
-    _add(head, "inertial", pos=_text(height, 0, 0), mass=_text(mass), diaginertia=_exact(*tensor))
-    _add(head, "geom", type="cylinder", fromto="0 0 0 0.008 0 0", size=_text(1.2 * bodies.radius), rgba="0.3 0.3 0.3 1")
-    _add(head, "site", name="imu", pos="0 0 0")
-    _sites(head, "head", bodies.guides)
-    mass, height, tensor = bodies.lever
-    _remark(head, "The lever on its drive: reflected armature, back-EMF as a damper, friction of the gear.")
-    lever = _add(head, "body", name="lever", pos=_text(height, 0, 0))
-    _add(
-        lever,
-        "joint",
-        name="lever",
-        type="hinge",
-        axis="1 0 0",
-        armature=_text(bodies.joint.armature),
-        damping=_text(bodies.joint.speed_slope),
-        frictionloss=_text(bodies.joint.drive_friction),
-    )
-    _add(lever, "inertial", pos="0 0 0", mass=_text(mass), diaginertia=_exact(*tensor))
-    arm = math.sqrt(float(tensor[0]) / mass)
-    _add(lever, "geom", type="capsule", fromto=_text(0, -arm, 0, 0, arm, 0), size="0.005", rgba="0.7 0.35 0.2 1")
-    for end in (-arm, arm):
-        _add(lever, "geom", type="sphere", pos=_text(0, end, 0), size="0.018", rgba="0.7 0.35 0.2 1")
+def _head(place: Array, turned: Array, bodies: Bodies) -> str:
+    """Return the head plate, its board and the lever on it, whose arms lie along y."""
+    frame = f'pos="{_text(*(turned.T @ (bodies.plate - place)))}" quat="{_quaternion(turned.T @ bodies.turned)}"'
+    joint, (mass, height, tensor) = bodies.joint, bodies.lever
+    arm, dark, red = math.sqrt(float(tensor[0]) / mass), 'rgba="0.3 0.3 0.3 1"', 'rgba="0.7 0.35 0.2 1"'
+    drive = f'armature="{_text(joint.armature)}" damping="{_text(joint.speed_slope)}"'
+    friction = f'frictionloss="{_text(joint.drive_friction)}"'
+    return f"""<body name="head" {frame}>
+  {_inertial((bodies.head[1], 0, 0), bodies.head[0], _exact(*bodies.head[2]))}
+  <geom type="cylinder" fromto="0 0 0 0.008 0 0" size="{_text(1.2 * bodies.radius)}" {dark}/>
+  <site name="imu" pos="0 0 0"/>
+  {_sites("head", bodies.guides)}
+  {_remark("The lever on its drive: reflected armature, back-EMF as a damper, friction of the gear.")}
+  <body name="lever" pos="{_text(height, 0, 0)}">
+    <joint name="lever" type="hinge" axis="1 0 0" {drive} {friction}/>
+    {_inertial((0, 0, 0), mass, _exact(*tensor))}
+    <geom type="capsule" fromto="{_text(0, -arm, 0, 0, arm, 0)}" size="0.005" {red}/>
+    <geom type="sphere" pos="{_text(0, -arm, 0)}" size="0.018" {red}/>
+    <geom type="sphere" pos="{_text(0, arm, 0)}" size="0.018" {red}/>
+  </body>
+</body>"""
 
 
-def _actuators(root: ET.Element, bodies: Bodies) -> None:
+def _memory_body(one: Memory) -> str:
+    name, damper = f"memory_{one.strain}_{one.order}", one.stiffness * one.time
+    light = _text(_LIGHT * damper * one.time)
+    joint = f'<joint name="{name}" type="slide" axis="1 0 0" damping="{_text(damper)}"/>'
+    inertial = f'<inertial pos="0 0 0" mass="{light}" diaginertia="{light} {light} {light}"/>'
+    return f'<body name="{name}">{joint}{inertial}</body>'
+
+
+def _memory_spring(one: Memory) -> str:
+    name = f"memory_{one.strain}_{one.order}"
+    joints = "".join(f'<joint joint="{one.strain}{i}" coef="{_text(w)}"/>' for i, w in enumerate(one.weights))
+    spring = f'<fixed name="{name}" stiffness="{_text(one.stiffness)}" springlength="0">'
+    return f'{spring}{joints}<joint joint="{name}" coef="-1"/></fixed>'
+
+
+def _cable(bodies: Bodies, i: int) -> str:
+    names = ("base", *(f"core{k}_" for k in range(len(_waypoints(bodies)))), "head")
+    sites = "".join(f'<site site="{name}{i}"/>' for name in names)
+    return f'<spatial name="tendon{i}" width="0.001" rgba="0.4 0.4 0.45 1">{sites}</spatial>'
+
+
+def _pull_sensor(i: int) -> str:
+    return f'<actuatorfrc name="pull{i}" actuator="motor{i}"/>'
+
+
+def _actuators(bodies: Bodies) -> str:
     joint = bodies.joint
-    actuators = _add(root, "actuator")
     k, held = float(joint.stiffness), np.broadcast_to(np.asarray(joint.held_tension, dtype=float), bodies.tension.shape)
     by_current = float(joint.mode) == CURRENT
     told = (
@@ -584,121 +538,21 @@ def _actuators(root: ET.Element, bodies: Bodies) -> None:
         else "Motors that hold positions: cable and servo in series are one spring, slack beyond its rest length. "
         "Control: what the motor takes up beyond this pretension [m]; negative lets go."
     )
-    _remark(actuators, told)
+    motors = []
     for i, end in enumerate(bodies.cable_end):
         most = _MOST_N if float(joint.mode) in (POSITION, CURRENT) else float(held[i])
         gain, bias = (-1.0, (-bodies.tension[i], 0.0, 0.0)) if by_current else (-k, (k * end, -k, 0.0))
-        _add(
-            actuators,
-            "general",
-            name=f"motor{i + 1}",
-            tendon=f"tendon{i + 1}",
-            gainprm=_text(gain),
-            biastype="affine",
-            biasprm=_text(*bias),
-            forcerange=_text(-most, 0.0),
-        )
+        law = f'gainprm="{_text(gain)}" biastype="affine" biasprm="{_text(*bias)}" forcerange="{_text(-most, 0.0)}"'
+        motors.append(f'<general name="motor{i + 1}" tendon="tendon{i + 1}" {law}/>')
     duty = float(joint.duty_torque)
-    _remark(actuators, "The drive's position loop with its limit of duty. Control: angle of the lever [rad].")
-    _add(
-        actuators,
-        "position",
-        name="drive",
-        joint="lever",
-        kp=_text(float(joint.position_gain) * duty),
-        forcerange=_text(-duty * float(joint.duty_limit), duty * float(joint.duty_limit)),
-    )
-
-
-def hinge_springs(bodies: Bodies) -> dict[str, tuple[float, float]]:
-    """Return (stiffness [N m/rad], damping [N m s/rad]) by hinge that give a rigid head and lever on the pivots, under
-    gravity, frequency and damping of their modes."""
-    found = {}
-    for pivot in bodies.pivots:
-        sways = pivot.reach > 0
-        inertia = turned = 0.0
-        for mass, height, tensor in (bodies.head, bodies.lever):
-            about = tensor @ pivot.axis**2
-            inertia += float(about) + (mass * (pivot.reach + height) ** 2 if sways else 0.0)
-            turned += mass * STANDARD_GRAVITY * (pivot.reach + height) if sways else 0.0
-        omega = math.tau * pivot.frequency_hz
-        found[pivot.name] = omega**2 * inertia + turned, 2 * pivot.damping * omega * inertia
-    return found
-
-
-def write_urdf(bodies: Bodies, heading: Sequence[str]) -> str:
-    """Return the URDF of a straight joint: head and lever on hinges that stand for its sways and its torsion.
-
-    Raises SpecError for a bent joint, whose modes are no hinges.
-    """
-    if not bodies.pivots:
-        raise SpecError(
-            "found a bent joint, expected a straight one: URDF has hinges alone; write MJCF, or leave out the bend"
-        )
-    springs = hinge_springs(bodies)
-    root = ET.Element("robot", name="sinew")
-    told = [
-        f"- {p.name}: {springs[p.name][0]:.6g} N m/rad for {p.frequency_hz:.4g} Hz, {springs[p.name][1]:.4g} N m s/rad "
-        f"for D = {p.damping:.3g}"
-        for p in bodies.pivots
-    ]
-    lacks = [
-        "URDF knows neither tendons nor springs: give these to your simulator's joints, with gravity on:",
-        *told,
-        "Hinges stand for the modes of small motion about this rest, the torsion for a swing of "
-        f"{math.degrees(bodies.swing):.3g} deg. The silicone's",
-        "own mass is in the stiffnesses alone. Not in it: hardening, slack tendons, memory, hysteresis, bent poses.",
-    ]
-    _remark(root, "\n  ".join(["", *heading, *lacks]) + "\n")
-    _add(root, "link", name="world")
-    _add(root, "link", name="base")
-    _urdf_joint(
-        root, "upright", "fixed", ("world", "base"), np.zeros(3), rpy=f"{-math.pi / 2:.15g} {-math.pi / 2:.15g} 0"
-    )
-    parent, height = "base", 0.0
-    for i, pivot in enumerate(bodies.pivots):
-        last = i == len(bodies.pivots) - 1
-        link, at = ("head" if last else f"{pivot.name}_link"), float(bodies.plate[0]) - pivot.reach
-        _urdf_link(root, link, bodies.head if last else (_NO_MASS, 0.0, np.full(3, _NO_MASS)))
-        joint = _urdf_joint(root, pivot.name, "revolute", (parent, link), (at - height) * _UP, axis=pivot.axis)
-        _add(joint, "limit", lower="-1.6", upper="1.6", effort="100", velocity="100")
-        _add(joint, "dynamics", damping=_text(springs[pivot.name][1]), friction="0")
-        parent, height = link, at
-    mass, above, tensor = bodies.lever
-    _urdf_link(root, "lever", (mass, 0.0, tensor))
-    joint = _urdf_joint(root, "lever", "revolute", ("head", "lever"), above * _UP, axis=_UP)
-    most = float(bodies.joint.duty_torque * bodies.joint.duty_limit)
-    _add(joint, "limit", lower="-1.6", upper="1.6", effort=_text(most), velocity="100")
-    slope, friction = bodies.joint.speed_slope, bodies.joint.drive_friction
-    _add(joint, "dynamics", damping=_text(slope), friction=_text(friction))
-    return _document(root)
-
-
-def _urdf_link(root: ET.Element, name: str, body: tuple[float, float, Array]) -> None:
-    mass, height, (x, y, z) = body
-    inertial = _add(_add(root, "link", name=name), "inertial")
-    _add(inertial, "origin", xyz=_text(height, 0, 0), rpy="0 0 0")
-    _add(inertial, "mass", value=_text(mass))
-    _add(inertial, "inertia", ixx=_exact(x), iyy=_exact(y), izz=_exact(z), ixy="0", ixz="0", iyz="0")
-
-
-def _urdf_joint(
-    root: ET.Element,
-    name: str,
-    kind: str,
-    links: tuple[str, str],
-    place: Array,
-    *,
-    axis: Array | None = None,
-    rpy: str = "0 0 0",
-) -> ET.Element:
-    joint = _add(root, "joint", name=name, type=kind)
-    _add(joint, "parent", link=links[0])
-    _add(joint, "child", link=links[1])
-    _add(joint, "origin", xyz=_text(*place), rpy=rpy)
-    if axis is not None:
-        _add(joint, "axis", xyz=_text(*axis))
-    return joint
+    most = duty * float(joint.duty_limit)
+    loop = f'kp="{_text(float(joint.position_gain) * duty)}" forcerange="{_text(-most, most)}"'
+    return f"""<actuator>
+  {_remark(told)}
+  {"".join(motors)}
+  {_remark("The drive's position loop with its limit of duty. Control: angle of the lever [rad].")}
+  <position name="drive" joint="lever" {loop}/>
+</actuator>"""
 
 
 def _lacks(bodies: Bodies) -> list[str]:
@@ -714,11 +568,6 @@ def _lacks(bodies: Bodies) -> list[str]:
     ]
 
 
-def _document(root: ET.Element) -> str:
-    ET.indent(root, "  ")
-    return ET.tostring(root, encoding="unicode") + "\n"
-
-
 def model_document(bodies: Bodies) -> dict[str, Any]:
     """Return what a model was made of, as JSON holds it."""
     return {
@@ -727,8 +576,8 @@ def model_document(bodies: Bodies) -> dict[str, Any]:
         "head_mm": [1e3 * float(x) for x in bodies.plate],
         "tension_n": [float(x) for x in bodies.tension],
         "cable_end_mm": [1e3 * float(x) for x in bodies.cable_end],
-        "frequency_hz": {pivot.name: float(pivot.frequency_hz) for pivot in bodies.pivots},
-        "damping_ratio": {pivot.name: float(pivot.damping) for pivot in bodies.pivots},
+        "frequency_hz": {name: float(hz) for name, (hz, _) in bodies.modes.items()},
+        "damping_ratio": {name: float(damping) for name, (_, damping) in bodies.modes.items()},
     }
 
 
@@ -744,7 +593,7 @@ def export_model(
     pieces: int = PIECES,
     sway: bool = True,
 ) -> Bodies:
-    """Write a rig's joint as a simulator's model, MJCF (.xml, .mjcf) or URDF (.urdf), and return what it was made of.
+    """Write a rig's joint as a model for MuJoCo, MJCF (.xml, .mjcf), and return what it was made of.
 
     pretension_mm: common take-up of the tendons. bend_deg, azimuth_deg: pose in which it rests. mode: of the tendons'
     motors. swing_deg: torsion for which guides have a spring and a damper. pieces: of the silicone. sway: False for a
@@ -767,6 +616,5 @@ def export_model(
     heading = [
         f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",
     ]
-    text = {"mjcf": write_mjcf, "urdf": write_urdf}[ENDINGS[file.suffix]](bodies, heading)
-    write_text(file, text)
+    write_text(file, write_mjcf(bodies, heading))
     return bodies

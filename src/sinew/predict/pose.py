@@ -1,23 +1,23 @@
 """Pose: where a joint that bends comes to rest, what holds it there, and what speaks against it."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from sinew.measure.arrays import Array, Mask
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import fixed, number
-from sinew.measure.told import Table
+from sinew.measure.estimate import ROUND_OFF, fixed, number
+from sinew.measure.result import Field, Result, Rows
 from sinew.mechanics.parameters import CURRENT, POSITION, TENDON_MODES
 from sinew.mechanics.rod import grid, rest_strains, rod_poses
 from sinew.mechanics.space import Space, plate_guides
 from sinew.plan.check import Finding
-from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing, swing_of_bend
+from sinew.plan.plan import STRAIGHT, Pose, bend_of_swing, swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.predict.joints.validity import STRAIN, largest_strain
 from sinew.solve.programs import configure, program
@@ -80,22 +80,24 @@ class Asked(NamedTuple):
         return f"{self.pose.words()} at {self.pretension_mm:g} mm"
 
 
-class Slack(NamedTuple):
-    """Where the first tendon goes slack on a way of growing bend: bend [deg], and which tendon, from 1."""
+@dataclass(frozen=True, repr=False)
+class Slack(Result):
+    """Where the first tendon goes slack on a way of growing bend, and which tendon, from 1."""
 
-    bend_deg: float
-    tendon: int
+    bend_deg: Annotated[float, Field("bend")]
+    tendon: Annotated[int, Field("tendon")]
 
 
-class Buckling(NamedTuple):
-    """Where the pose stops being stable as the pretension rises: pretension [mm] and load of all tendons [N] there.
+@dataclass(frozen=True, repr=False)
+class Buckling(Result):
+    """Where the pose stops being stable as the pretension rises, and the load of all tendons there.
 
     None of both where it is stable as far as was looked, `up_to_mm`.
     """
 
-    pretension_mm: float | None
-    load_n: float | None
-    up_to_mm: float
+    pretension_mm: Annotated[float | None, Field("pretension")]
+    load_n: Annotated[float | None, Field("load")]
+    up_to_mm: Annotated[float, Field("followed up to")]
 
 
 class Shape(NamedTuple):
@@ -107,136 +109,115 @@ class Shape(NamedTuple):
     chords: Array
 
 
-@dataclass(frozen=True)
-class Posed:
-    """What came of it. space: with the motors that hold it; rest: None where there is none, and why says so.
+@dataclass(frozen=True, repr=False)
+class AskedFor(Result):
+    """What was asked, None of what was not; see `Asked`."""
 
-    strain: largest principal strain of the silicone's surface [1]. clearance: least distance of each chord to the
-    silicone's surface, negative inside [m] (tendon,); sagitta: how far each leaves its place in the straight joint [m]
-    (tendon,). slack: on the way to this azimuth at this pretension; buckling: of this pose with growing pretension;
-    both None where take-ups or tensions were given. coordinates (6, term): also of a pose that does not stay.
+    pretension_mm: Annotated[float | None, Field("pretension")]
+    bend_deg: Annotated[float | None, Field("bend")]
+    azimuth_deg: Annotated[float | None, Field("azimuth")]
+    take_up_mm: Annotated[tuple[float, ...] | None, Field("", "detail")]
+    tension_n: Annotated[tuple[float, ...] | None, Field("", "detail")]
+
+
+@dataclass(frozen=True, repr=False)
+class HeadPose(Result):
+    """Where the head is. head_mm: the plate's place (x, y, z) in frame B. stretch: of the silicone, mean."""
+
+    bend_deg: Annotated[float, Field("bend")]
+    azimuth_deg: Annotated[float, Field("azimuth")]
+    pitch_deg: Annotated[float, Field("pitch")]
+    roll_deg: Annotated[float, Field("roll")]
+    torsion_deg: Annotated[float, Field("torsion")]
+    head_mm: Annotated[tuple[float, ...], Field("", "detail")]
+    stretch: Annotated[float, Field("stretch", unit="")]
+
+
+@dataclass(frozen=True, repr=False)
+class TendonRow(Result):
+    """One tendon, from 1. clearance_mm: least distance of its chord to the silicone's surface, negative inside;
+    sagitta_mm: how far the chord leaves its place in the straight joint."""
+
+    tendon: Annotated[int, Field("tendon")]
+    take_up_mm: Annotated[float, Field("take-up")]
+    tension_n: Annotated[float, Field("tension")]
+    current_a: Annotated[float, Field("current")]
+    slack: Annotated[bool, Field("slack")]
+    span_mm: Annotated[float, Field("span")]
+    clearance_mm: Annotated[float, Field("from surface")]
+    sagitta_mm: Annotated[float, Field("sagitta")]
+
+
+@dataclass(frozen=True, repr=False)
+class Margins(Result):
+    """What is left. softest: stiffness of the softest way out over that of the unloaded silicone. tension_n: to the
+    rig's limit; slack_n: the lowest tension. strain: largest principal strain of the silicone's surface."""
+
+    softest: Annotated[float, Field("softest way out over the unloaded silicone", unit="")]
+    tension_n: Annotated[float, Field("left to the tension limit")]
+    slack_n: Annotated[float, Field("lowest tension")]
+    strain: Annotated[float, Field("strain of the surface", unit="%")]
+
+
+@dataclass(frozen=True, repr=False)
+class FindingRow(Result):
+    """What speaks against a pose: refuse or warn, in a sentence."""
+
+    severity: Annotated[str, Field("")]
+    sentence: Annotated[str, Field("")]
+
+
+@dataclass(frozen=True, repr=False)
+class Posed(Result):
+    """Where a joint rests. spec: the rig. space: with the motors that hold it; rest, shape, pose, margins: None where
+    there is none, and the findings say why. found: whether there is one; ok: whether no limit is broken either.
+
+    slack: on the way to this azimuth at this pretension; buckling: of this pose with growing pretension; both None
+    where take-ups or tensions were given. coordinates (6, term): also of a pose that does not stay.
     """
 
-    rig: RigSpec
-    asked: Asked
+    spec: RigSpec
+    request: Asked
     space: Space
     rest: Rest | None
-    why: str
     shape: Shape | None
-    strain: float
-    clearance: Array
-    sagitta: Array
-    slack: Slack | None
-    buckling: Buckling | None
-    findings: tuple[Finding, ...]
-    coordinates: Array | None = None
+    coordinates: Array | None
+    rig: Annotated[str, Field("", "detail")]
+    mode: Annotated[str, Field("", "detail")]
+    asked: Annotated[AskedFor, Field("", "detail")]
+    ok: Annotated[bool, Field("", "detail")]
+    found: Annotated[bool, Field("", "detail")]
+    pose: Annotated[HeadPose | None, Field("")]
+    tendons: Annotated[Rows[TendonRow], Field("")]
+    margins: Annotated[Margins | None, Field("")]
+    slack: Annotated[Slack | None, Field("", "detail")]
+    buckling: Annotated[Buckling | None, Field("", "detail")]
+    findings: Annotated[Rows[FindingRow], Field("", "detail")]
 
-    @property
-    def ok(self) -> bool:
-        """Whether it is there, stays, and breaks no limit of the rig."""
-        return not any(finding.severity == "refuse" for finding in self.findings)
+    def heading(self) -> str:
+        """Return what was asked."""
+        return f"{self.rig}, {self.mode}: {self.request.words()}"
 
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON holds it; see docs/reference/json.md."""
-        rig, asked, at_rest = self.rig, self.asked, self.rest
-        bend_deg, azimuth_deg = asked.pose.bend_and_azimuth_deg
-        document: dict[str, Any] = {
-            "rig": rig.name,
-            "mode": asked.mode,
-            "asked": {
-                "pretension_mm": asked.pretension_mm if asked.wants_tilt else None,
-                "bend_deg": bend_deg if asked.wants_tilt else None,
-                "azimuth_deg": azimuth_deg if asked.wants_tilt else None,
-                "take_up_mm": None if asked.take_up_mm is None else list(asked.take_up_mm),
-                "tension_n": None if asked.tension_n is None else list(asked.tension_n),
-            },
-            "ok": self.ok,
-            "found": at_rest is not None,
-            "pose": None,
-            "tendons": [],
-            "margins": None,
-            "slack": None if self.slack is None else self.slack._asdict(),
-            "buckling": None if self.buckling is None else self.buckling._asdict(),
-            "findings": [{"severity": one.severity, "sentence": one.sentence} for one in self.findings],
-        }
-        if at_rest is None or self.shape is None:
-            return document
-        pitch, roll = map(float, at_rest.at.tilt)
-        bend_deg, azimuth_deg = map(math.degrees, bend_of_swing(pitch, roll))
-        document["pose"] = {
-            "bend_deg": bend_deg,
-            "azimuth_deg": azimuth_deg,
-            "pitch_deg": math.degrees(pitch),
-            "roll_deg": math.degrees(roll),
-            "torsion_deg": math.degrees(float(at_rest.at.torsion)),
-            "head_mm": [1e3 * float(x) for x in self.shape.line[-1]],
-            "stretch": 1 + float(at_rest.q[3, 0]),
-        }
-        document["tendons"] = [
-            {
-                "tendon": i + 1,
-                "take_up_mm": 1e3 * float(at_rest.take_up[i]),
-                "tension_n": float(at_rest.at.tension[i]),
-                "current_a": float(rig.tendons.current(at_rest.at.tension[i])),
-                "slack": bool(at_rest.at.tension[i] <= 0),
-                "span_mm": 1e3 * float(at_rest.at.spans[i]),
-                "clearance_mm": 1e3 * float(self.clearance[i]),
-                "sagitta_mm": 1e3 * float(self.sagitta[i]),
-            }
-            for i in range(rig.tendons.count)
-        ]
-        document["margins"] = {
-            "softest": at_rest.softest,
-            "tension_n": rig.limits.tension_n - float(np.max(at_rest.at.tension)),
-            "slack_n": float(np.min(at_rest.at.tension)),
-            "strain": self.strain,
-        }
-        return document
-
-    def told(self) -> list[Table | str]:
-        """Return it as a person reads it."""
-        head = f"{self.rig.name}, {self.asked.mode}: {self.asked.words()}"
-        sentences = [f"- {'' if one.severity == 'warn' else 'refused: '}{one.sentence}" for one in self.findings]
-        if self.rest is None:
-            return [head, *sentences]
-        document = self.document()
-        rows = [
-            (
-                str(one["tendon"]),
-                fixed(one["take_up_mm"], 2),
-                fixed(one["tension_n"], 1),
-                fixed(one["current_a"], 2),
-                fixed(one["clearance_mm"], 1),
-                fixed(one["sagitta_mm"], 1),
-            )
-            for one in document["tendons"]
-        ]
-        columns = ("tendon", "take-up/mm", "tension/N", "current/A", "from surface/mm", "sagitta/mm")
-        pose, margins = document["pose"], document["margins"]
-        place = ", ".join(fixed(x, 1) for x in pose["head_mm"])
-        lines = [
-            f"head at {place} mm (x, y, z), bent by {fixed(pose['bend_deg'], 2)}° towards "
-            f"{fixed(pose['azimuth_deg'], 1)}° (pitch {fixed(pose['pitch_deg'], 2)}°, roll "
-            f"{fixed(pose['roll_deg'], 2)}°), twisted by {fixed(pose['torsion_deg'], 3)}°",
-            f"the silicone's surface is strained by {margins['strain']:.0%}; the softest way out of the pose is "
-            f"{number(margins['softest'])} times as stiff as the unloaded silicone",
-        ]
-        return [Table(columns, rows, head), *lines, *self._outlook(), *sentences]
-
-    def _outlook(self) -> Iterator[str]:
-        if self.slack is not None:
-            yield (
+    def closing(self) -> list[str]:
+        """Return how far the joint may go, and what speaks against the pose."""
+        told = [self.heading()]
+        if self.pose is not None:
+            told.append(f"head at {', '.join(fixed(x, 1) for x in self.pose.head_mm)} mm (x, y, z)")
+        if self.found and self.slack is not None:
+            told.append(
                 f"on the way to this azimuth tendon {self.slack.tendon} goes slack from a bend of "
                 f"{fixed(self.slack.bend_deg, 1)}° on"
             )
-        buckling = self.buckling
-        if buckling is not None and buckling.pretension_mm is not None:
-            yield (
-                f"the pose would buckle at {fixed(buckling.pretension_mm, 1)} mm of pretension, where the tendons "
-                f"press with {number(buckling.load_n)} N"
+        if self.found and self.buckling is not None and self.buckling.pretension_mm is not None:
+            told.append(
+                f"the pose would buckle at {fixed(self.buckling.pretension_mm, 1)} mm of pretension, where the tendons "
+                f"press with {number(self.buckling.load_n)} N"
             )
-        elif buckling is not None and self.rest is not None:
-            yield f"it does not buckle up to {buckling.up_to_mm:g} mm of pretension, as far as it was followed"
+        elif self.found and self.buckling is not None:
+            told.append(
+                f"it does not buckle up to {self.buckling.up_to_mm:g} mm of pretension, as far as it was followed"
+            )
+        return told + [f"- {'' if one.severity == 'warn' else 'refused: '}{one.sentence}" for one in self.findings]
 
 
 def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
@@ -248,7 +229,7 @@ def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
     error: it is refused in `findings`. Raises SpecError where the rig knows no space, or the numbers cannot be meant.
 
     >>> import sinew as sn
-    >>> from sinew.plan.pose import Pose
+    >>> from sinew.plan.plan import Pose
     >>> from sinew.predict.pose import Asked, find_pose
     >>> asked = Asked(6.0, Pose(bend_deg=20, azimuth_deg=0))
     >>> bool(find_pose(sn.load_rig("paper"), asked, outlook=False).rest.taut)
@@ -258,23 +239,72 @@ def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     there, found, why = _rest_of(space, contact, asked)
-    coordinates = None if found is None else found.q
     slack = buckling = None
     if outlook and asked.wants_tilt:
         slack = slack_bend(space, contact, asked)
         buckling = buckling_pretension(space, contact, asked, rig.limits.tendon_travel_mm[1])
+    bend_deg, azimuth_deg = asked.pose.bend_and_azimuth_deg
+    shape = pose = margins = None
+    tendons: list[TendonRow] = []
     if found is None or why:
-        nothing = np.zeros(rig.tendons.count)
-        refusals = (Finding("refuse", why), *_asked_findings(rig, asked))
-        return Posed(
-            rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals, coordinates
-        )
-    shape = shape_of(found.q, there)
-    clearance, sagitta = chord_clearance(found.q, there, rig)
-    strain = surface_strain(found.q, there, rig)
-    posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, (), coordinates)
-    findings = (*_asked_findings(rig, asked), *_findings(posed, found))
-    return Posed(**{**posed.__dict__, "findings": findings})
+        findings = [Finding("refuse", why), *_asked_findings(rig, asked)]
+    else:
+        shape = shape_of(found.q, there)
+        pose, tendons = _head_pose(found, shape), _tendon_rows(found, there, rig)
+        strain = surface_strain(found.q, there, rig)
+        pulls = found.at.tension
+        margins = Margins(found.softest, rig.limits.tension_n - float(np.max(pulls)), float(np.min(pulls)), strain)
+        findings = [*_asked_findings(rig, asked), *_findings(rig, found, tendons, strain, slack)]
+        findings += _chord_findings(rig, there, tendons)
+    return Posed(
+        rig,
+        asked,
+        there,
+        None if why else found,
+        shape,
+        None if found is None else found.q,
+        rig.name,
+        asked.mode,
+        AskedFor(
+            asked.pretension_mm if asked.wants_tilt else None,
+            bend_deg if asked.wants_tilt else None,
+            azimuth_deg if asked.wants_tilt else None,
+            asked.take_up_mm,
+            asked.tension_n,
+        ),
+        not any(one.severity == "refuse" for one in findings),
+        pose is not None,
+        pose,
+        Rows(tendons),
+        margins,
+        slack,
+        buckling,
+        Rows(FindingRow(one.severity, one.sentence) for one in findings),
+    )
+
+
+def _head_pose(found: Rest, shape: Shape) -> HeadPose:
+    angles = np.array([*found.at.tilt, found.at.torsion], dtype=float)
+    pitch, roll, torsion = np.where(np.abs(angles) > ROUND_OFF, angles, 0.0).tolist()
+    bend_rad, azimuth_rad = bend_of_swing(pitch, roll)
+    return HeadPose(
+        math.degrees(bend_rad),
+        math.degrees(azimuth_rad),
+        math.degrees(pitch),
+        math.degrees(roll),
+        math.degrees(torsion),
+        tuple(1e3 * float(x) for x in shape.line[-1]),
+        1 + float(found.q[3, 0]),
+    )
+
+
+def _tendon_rows(found: Rest, space: Space, rig: RigSpec) -> list[TendonRow]:
+    clearance, sagitta = chord_clearance(found.q, space, rig)
+    columns = (1e3 * found.take_up, found.at.tension, 1e3 * found.at.spans, 1e3 * clearance, 1e3 * sagitta)
+    return [
+        TendonRow(i + 1, take_up, pull, float(rig.tendons.current(pull)), pull <= 0, *lengths)
+        for i, (take_up, pull, *lengths) in enumerate(np.stack(columns, axis=1).tolist())
+    ]
 
 
 def _check(rig: RigSpec, asked: Asked) -> None:
@@ -349,82 +379,81 @@ def _asked_findings(rig: RigSpec, asked: Asked) -> Iterator[Finding]:
         )
 
 
-def _findings(posed: Posed, found: Rest) -> Iterator[Finding]:
+def _findings(
+    rig: RigSpec, found: Rest, tendons: Sequence[TendonRow], strain: float, slack: Slack | None
+) -> Iterator[Finding]:
     """Yield what speaks against a pose, limits of the rig first."""
-    rig, limits = posed.rig, posed.rig.limits
+    limits = rig.limits
     bend_deg = math.degrees(float(np.hypot(*found.at.tilt)))
     if bend_deg > limits.most_bend_deg * (1 + 1e-9):
         yield Finding(
             "refuse", f"the head is bent by {bend_deg:.1f}°, the rig allows {limits.most_bend_deg:g}°; bend less"
         )
-    worst = int(np.argmax(found.at.tension))
-    tension = float(found.at.tension[worst])
-    if tension > limits.tension_n:
+    worst = max(tendons, key=lambda one: one.tension_n)
+    if worst.tension_n > limits.tension_n:
         yield Finding(
             "refuse",
-            f"tendon {worst + 1} pulls {tension:.0f} N, the rig allows {limits.tension_n:g} N; bend less or lower the "
-            "pretension",
-        )
-    if (current := float(rig.tendons.current(tension))) > limits.tendon_current_a:
-        yield Finding(
-            "refuse",
-            f"motor {worst + 1} draws {current:.2f} A, the rig allows {limits.tendon_current_a:g} A; bend less or "
+            f"tendon {worst.tendon} pulls {worst.tension_n:.0f} N, the rig allows {limits.tension_n:g} N; bend less or "
             "lower the pretension",
         )
+    if worst.current_a > limits.tendon_current_a:
+        yield Finding(
+            "refuse",
+            f"motor {worst.tendon} draws {worst.current_a:.2f} A, the rig allows {limits.tendon_current_a:g} A; bend "
+            "less or lower the pretension",
+        )
     low, high = limits.tendon_travel_mm
-    for i, take_up in enumerate(1e3 * found.take_up):
-        if not low <= take_up <= high:
+    for one in tendons:
+        if not low <= one.take_up_mm <= high:
             yield Finding(
                 "refuse",
-                f"tendon {i + 1} is taken up by {take_up:.1f} mm, the rig allows {low:g} to {high:g} mm; bend less",
+                f"tendon {one.tendon} is taken up by {one.take_up_mm:.1f} mm, the rig allows {low:g} to {high:g} mm; "
+                "bend less",
             )
-    slack = [str(i + 1) for i in np.flatnonzero(found.at.tension <= 0)]
-    if slack:
-        since = "" if posed.slack is None else f", the first of them from a bend of {posed.slack.bend_deg:.1f}° on"
+    if loose := [str(one.tendon) for one in tendons if one.slack]:
+        since = "" if slack is None else f", the first of them from a bend of {slack.bend_deg:.1f}° on"
         yield Finding(
             "warn",
-            f"{'tendon' if len(slack) == 1 else 'tendons'} {', '.join(slack)} slack{since}: a push from that side is "
+            f"{'tendon' if len(loose) == 1 else 'tendons'} {', '.join(loose)} slack{since}: a push from that side is "
             "held by the silicone alone; raise the pretension or bend less",
         )
-    if posed.strain > STRAIN:
+    if strain > STRAIN:
         yield Finding(
             "warn",
-            f"the silicone's surface is strained by {posed.strain:.0%}, beyond the {STRAIN:.0%} up to which its law is "
+            f"the silicone's surface is strained by {strain:.0%}, beyond the {STRAIN:.0%} up to which its law is "
             "taken to hold",
         )
-    yield from _chord_findings(posed)
 
 
-def _chord_findings(posed: Posed) -> Iterator[Finding]:
+def _chord_findings(rig: RigSpec, space: Space, tendons: Sequence[TendonRow]) -> Iterator[Finding]:
     """Yield which chords meet the silicone."""
-    rig = posed.rig
     if rig.space is not None and rig.space.routing == "channel":
         return
     circle = min(rig.tendons.base_radius.value, rig.tendons.head_radius.value)
-    towards = [math.atan2(float(z), float(y)) for y, z in posed.space.rod.joint.guide_directions]
-    reach = rig.support(np.array(towards))
-    inside = circle < reach
-    if np.any(inside):
-        far, radii = float(np.max(posed.sagitta[inside])), sorted({f"{1e3 * r:.1f}" for r in reach[inside]})
-        whose = "" if np.all(inside) else f" at tendon {_numbered(inside)}"
+    towards = [math.atan2(float(z), float(y)) for y, z in space.rod.joint.guide_directions]
+    reach = rig.support(np.array(towards)).tolist()
+    inside = [(one, far) for one, far in zip(tendons, reach, strict=True) if circle < far]
+    if inside:
+        far, radii = max(one.sagitta_mm for one, _ in inside), sorted({f"{1e3 * far:.1f}" for _, far in inside})
+        whose = "" if len(inside) == len(tendons) else f" at tendon {_numbered(one for one, _ in inside)}"
         yield Finding(
             "warn",
             f"the guides' circle of {1e3 * circle:.1f} mm lies inside the silicone, which reaches to "
-            f"{' and '.join(radii)} mm{whose}: the chords are taken to cut through it, up to {1e3 * far:.1f} mm away "
+            f"{' and '.join(radii)} mm{whose}: the chords are taken to cut through it, up to {far:.1f} mm away "
             "from where they run straight; in channels of the silicone they could not: set space.routing",
         )
-    touched = ~inside & (posed.clearance < 0)
-    if np.any(touched):
-        deepest = float(np.min(posed.clearance[touched]))
+    touched = [one for one, far in zip(tendons, reach, strict=True) if circle >= far and one.clearance_mm < 0]
+    if touched:
         yield Finding(
             "warn",
-            f"the chord of tendon {_numbered(touched)} would pass {-1e3 * deepest:.1f} mm below the surface: "
-            "it lies on the convex side, is longer and pulls otherwise; bend less or widen the guides' circle",
+            f"the chord of tendon {_numbered(touched)} would pass {-min(one.clearance_mm for one in touched):.1f} mm "
+            "below the surface: it lies on the convex side, is longer and pulls otherwise; bend less or widen the "
+            "guides' circle",
         )
 
 
-def _numbered(which: Mask) -> str:
-    return ", ".join(str(i + 1) for i in np.flatnonzero(which))
+def _numbered(tendons: Iterable[TendonRow]) -> str:
+    return ", ".join(str(one.tendon) for one in tendons)
 
 
 # What a bent rod looks like.
@@ -516,7 +545,7 @@ def surface_strain(q: Array, space: Space, rig: RigSpec) -> float:
 def slack_bend(space: Space, contact: float, asked: Asked) -> Slack | None:
     """Return where the first tendon goes slack as the joint bends towards an azimuth at a pretension; None where none
     does up to `FURTHEST_DEG`. Motors that hold currents: where the first would have to push."""
-    way = _Way.begin(space, contact, asked)
+    way = Way.begin(space, contact, 1e-3 * asked.pretension_mm, asked.mode)
     direction = np.array(swing_of_bend(1.0, asked.pose.azimuth_rad))
 
     def lowest(bend_rad: float) -> float:
@@ -537,9 +566,28 @@ def slack_bend(space: Space, contact: float, asked: Asked) -> Slack | None:
     return None
 
 
+def upright(space: Space, contact: float, pretension: float, mode: str) -> tuple[Space, Rest]:
+    """Return (parameters with the motors in a mode, the straight pose that they hold) at a pretension [m]; currents
+    hold the mean of the tensions there."""
+    there, found = rest(space, contact, np.full(np.shape(space.cable_end), pretension))
+    if mode == "current":
+        pulled = np.full(np.shape(there.cable_end), found.at.tension.mean())
+        there = in_mode(there, CURRENT)._replace(held_tension=pulled)
+    return there, found
+
+
+def pulls_of(spans: Array, there: Space) -> Array:
+    """Return what pulls each tendon taut where they span lengths [m], negative where it is slack, by as much as its
+    stiffness makes of the missing length, or would have to push [N] (tendon,)."""
+    if float(there.rod.joint.mode) == CURRENT:
+        return np.asarray(there.held_tension)
+    return np.asarray(float(there.rod.joint.stiffness) * (spans - np.asarray(there.cable_end)))
+
+
 @dataclass
-class _Way:
-    """Poses one beside the other, each found from the last: by the tilt, for one setting of the motors."""
+class Way:
+    """Poses one beside the other, each found from the last: by the tilt, for one setting of the motors. tendon: from 1,
+    which pulls least at the last of them."""
 
     space: Space
     q: Array
@@ -547,26 +595,20 @@ class _Way:
     tendon: int = 0
 
     @classmethod
-    def begin(cls, space: Space, contact: float, asked: Asked) -> "_Way":
-        there, upright = rest(space, contact, np.full(space.cable_end.shape, 1e-3 * asked.pretension_mm))
-        if asked.mode == "current":
-            there = in_mode(there, CURRENT)
-            pulled = np.full(there.cable_end.shape, upright.at.tension.mean())
-            there = there._replace(held_tension=pulled)
-        return cls(there, upright.q, np.zeros(2))
+    def begin(cls, space: Space, contact: float, pretension: float, mode: str) -> "Way":
+        """Return the way that begins straight, at a pretension [m]."""
+        there, found = upright(space, contact, pretension, mode)
+        return cls(there, found.q, np.zeros(2))
 
     def pull(self, tilt: Array) -> Array | None:
-        """Return what pulls each tendon taut there, negative where it is slack or would have to push [N] (tendon,)."""
+        """Return what pulls each tendon there, see `pulls_of`; None where no pose is found."""
         found = steer(self.space, tilt, self.q, self.across, enough=1e-6)
         if found is None:
             return None
         self.q, self.across = found.q, found.across
-        there = set_across(self.space, found.across)
-        joint = there.rod.joint
-        pull = float(joint.stiffness) * (found.at.spans - np.asarray(there.cable_end))
-        pull = np.asarray(there.held_tension) if float(joint.mode) == CURRENT else pull
+        pull = pulls_of(found.at.spans, set_across(self.space, found.across))
         self.tendon = int(np.argmin(pull)) + 1
-        return np.asarray(pull)
+        return pull
 
 
 def buckling_pretension(space: Space, contact: float, asked: Asked, up_to_mm: float) -> Buckling | None:

@@ -1,30 +1,32 @@
-"""What a rig is predicted to do: its curves, backbones and bands, the document of `sinew predict`, and its tables."""
+"""What a rig or an oscillator is predicted to do: its curves, backbones and bands, and what they are worth."""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from math import degrees
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array, wrapped_lag
+from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate, all_finite, finite, number, span
-from sinew.measure.told import Table, Told
+from sinew.measure.estimate import Estimate, finite, number, span
+from sinew.measure.result import Column, Field, Result, Rows, Table
 from sinew.mechanics.parameters import TENDON_MODES
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.band import Band, Draws, Marked, Tube, bands_of, carried_over, crest, draw_rigs
+from sinew.predict.against import Against
+from sinew.predict.band import Band, Marked, Tube, bands_of, carried_over, crest, draw_rigs
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.joints.validity import Check, check_drive, check_joint, doubt_broken_curves, loads_of
 from sinew.predict.linear import Equivalent, equivalent_of_oscillator, equivalent_of_rig, harmonic_shares
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import Backbone, follow_backbones
 from sinew.solve.balance import Equations, Lane, Size, orders
-from sinew.solve.branch import Branch, Mark, Prediction
+from sinew.solve.branch import FOLD, QUARTER, Branch, Mark, Prediction, guesses
 from sinew.solve.continuation import OUTSIDE, Stride
 from sinew.solve.curves import ENDS, Problem, first_curves
 from sinew.solve.curves import predict as predict_problem
@@ -37,8 +39,7 @@ from sinew.solve.examination import (
     phasors,
     rows_of,
 )
-from sinew.solve.landmark import FOLD, QUARTER, guesses
-from sinew.solve.programs import use_all_cores
+from sinew.solve.programs import configure, use_all_cores
 from sinew.twin.parameters import Effects
 
 
@@ -63,53 +64,256 @@ class RigAsked(NamedTuple):
         return Effects().without(*self.without)
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """How far curves can be off. bands: one for each pretension. draws: of the rig. changed: what a design changed."""
-
-    bands: list[Band]
-    draws: Draws
-    count: int
-    seed: int
-    changed: tuple[str, ...]
-
-    def document(self, pretension_mm: Sequence[float]) -> dict[str, Any]:
-        """Return the keys `bands` and `draws` of a prediction."""
-        remarks = list(self.draws.remarks)
-        if self.changed:
-            remarks.append(f"what the design changes is taken as certain: {', '.join(self.changed)}")
-        told = {"count": self.count, "seed": self.seed, "parameters": list(self.draws.names), "remarks": remarks}
-        return {"bands": [_band(one, mm) for one, mm in zip(self.bands, pretension_mm, strict=True)], "draws": told}
+# The parts of a prediction.
 
 
 @dataclass(frozen=True, repr=False)
-class Predicted(Told):
-    """A rig's prediction: the problem it was, its curves, what it is worth, and how far it can be off where asked."""
+class MarkResult(Result):
+    """A marked point of a curve. gain: of the peak of a rig's, its amplitude over that of the drive's command.
+    damping_ratio: of the ends of a backbone."""
 
-    rig: RigSpec
+    frequency_hz: Annotated[float, Field("frequency")]
+    amplitude_deg: Annotated[float, Field("amplitude")]
+    gain: Annotated[float | None, Field("gain")] = None
+    damping_ratio: Annotated[float | None, Field("damping ratio")] = None
+
+    def cell(self) -> str:
+        """Return it in words."""
+        gain = "" if self.gain is None else f", gain {number(self.gain)}"
+        damping = "" if self.damping_ratio is None else f", D {number(self.damping_ratio, 3)}"
+        return f"{number(self.frequency_hz, unit='Hz')}, {number(self.amplitude_deg)}°{gain}{damping}"
+
+
+@dataclass(frozen=True, repr=False)
+class Followed(Result):
+    """The points of a curve in the order in which it was followed, (n,) each, and how it ended; see `Branch`.
+
+    pretension_mm: None of an oscillator.
+    """
+
+    pretension_mm: Annotated[float | None, Field("pretension")]
+    frequency_hz: Column
+    stable: Annotated[Mask, Field("", "detail")]
+    multiplier: Column
+    error: Column
+    complete: Annotated[bool, Field("", "detail")]
+    message: Annotated[str, Field("", "detail")]
+
+    def remarks(self) -> list[str]:
+        """Return what the curve did not reach, and how much of it is not stable."""
+        told = [] if self.complete and "not" not in self.message else [self.message]
+        if unstable := int(np.sum(~self.stable)):
+            told.append(f"{unstable} of {self.stable.size} points are not stable")
+        at = "" if self.pretension_mm is None else f"at {self.pretension_mm:g} mm "
+        return [f"- {at}{one}" for one in told]
+
+
+def followed(branch: Branch, pretension_mm: float | None) -> Followed:
+    """Return how a curve was followed."""
+    points = (branch.frequency_hz, branch.stable, branch.multiplier, branch.error)
+    return Followed(pretension_mm, *points, branch.complete, branch.message)
+
+
+@dataclass(frozen=True, repr=False)
+class Points(Followed):
+    """A curve's amplitudes, half of peak to peak, those of the fundamental, and the harmonics from the second to the
+    fifth as shares of it, by order."""
+
+    amplitude_deg: Column
+    fundamental_deg: Column
+    harmonic_shares: Annotated[Mapping[str, Array], Field("", "detail")]
+
+
+def _points(branch: Branch, pretension_mm: float | None) -> Points:
+    return Points(
+        **vars(followed(branch, pretension_mm)),
+        amplitude_deg=np.degrees(branch.amplitude),
+        fundamental_deg=np.degrees(branch.fundamental),
+        harmonic_shares={str(order): share for order, share in harmonic_shares(branch).items()},
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class CurveResult(Points):
+    """One response curve through its folds, with what is marked on it; see `Branch`."""
+
+    phase_deg: Column
+    peak: Annotated[MarkResult | None, Field("peak (Eq. 6)", unit="")]
+    fundamental_peak: Annotated[MarkResult | None, Field("peak of the fundamental", unit="")]
+    phase_90: Annotated[MarkResult | None, Field("90° of phase", unit="")]
+    folds: Annotated[Rows[MarkResult], Field("folds", unit="")]
+
+
+def _curve(branch: Branch, pretension_mm: float | None, command_deg: float | None = None) -> CurveResult:
+    def mark(one: Mark | None, over_deg: float | None = None) -> MarkResult | None:
+        if one is None:
+            return None
+        size = degrees(one.amplitude)
+        return MarkResult(one.frequency_hz, size, None if over_deg is None else size / over_deg)
+
+    return CurveResult(
+        **vars(_points(branch, pretension_mm)),
+        phase_deg=np.degrees(branch.phase),
+        peak=mark(branch.peak, command_deg),
+        fundamental_peak=mark(branch.fundamental_peak),
+        phase_90=mark(branch.phase_90),
+        folds=Rows(MarkResult(one.frequency_hz, degrees(one.amplitude)) for one in branch.folds),
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class BackboneResult(Points):
+    """Where the response lags by 90°, from a small share of the drive to the whole.
+
+    command_deg, lever_deg: of a rig, amplitudes of the command and of the lever's fundamental; torque_n_m or base_deg:
+    of an oscillator. stiffness_n_m_rad and those below: of the spring and damper that take the fundamental's place.
+    """
+
+    weakest: Annotated[MarkResult | None, Field("weakest drive", unit="")]
+    whole: Annotated[MarkResult | None, Field("whole drive", unit="")]
+    stiffness_n_m_rad: Column
+    damping_n_m_s_rad: Column
+    damping_ratio: Column
+    command_deg: Annotated[Array | None, Field("", "detail")] = None
+    lever_deg: Annotated[Array | None, Field("", "detail")] = None
+    torque_n_m: Annotated[Array | None, Field("", "detail")] = None
+    base_deg: Annotated[Array | None, Field("", "detail")] = None
+
+
+def _backbone(backbone: Backbone, pretension_mm: float | None, equivalent: Equivalent, **drive: Any) -> BackboneResult:
+    points, ratio = _points(backbone.curve, pretension_mm), equivalent.damping_ratio
+    rows = np.stack([points.frequency_hz, points.amplitude_deg, ratio], axis=1).tolist()
+    ends: list[MarkResult | None] = [None, None]
+    if rows:
+        ends = [MarkResult(hz, size, None, finite(damping)) for hz, size, damping in (rows[0], rows[-1])]
+    return BackboneResult(
+        **vars(points),
+        weakest=ends[0],
+        whole=ends[1],
+        **vars(equivalent),
+        **drive,
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class MarkedResult(Result):
+    """A marked point with intervals; draws: how many of them have it."""
+
+    frequency_hz: Annotated[Estimate, Field("frequency", "interval")]
+    amplitude_deg: Annotated[Estimate, Field("amplitude", "interval")]
+    draws: Annotated[int, Field("", "detail")]
+
+    def cell(self) -> str:
+        """Return its intervals."""
+        hz, size = self.frequency_hz, self.amplitude_deg
+        if not np.isfinite([hz.low, hz.high, size.low, size.high]).all():
+            return "too few draws have it"
+        return f"{span(hz.low, hz.high, 'Hz')}, {span(size.low, size.high)}°"
+
+
+@dataclass(frozen=True, repr=False)
+class BandResult(Result):
+    """What is known of one curve, see `sinew.predict.band.Band`. up, down: of `amplitude_deg` and `phase_deg`."""
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    frequency_hz: Column
+    up: Annotated[Mapping[str, Tube], Field("", "detail")]
+    down: Annotated[Mapping[str, Tube], Field("", "detail")]
+    reached: Annotated[NDArray[np.int64], Field("", "detail")]
+    peak: Annotated[MarkedResult | None, Field("peak", unit="")]
+    phase_90: Annotated[MarkedResult | None, Field("90° of phase", unit="")]
+    folds: Annotated[Rows[MarkedResult], Field("folds", unit="")]
+    draws: Annotated[int, Field("", "detail")]
+    complete: Annotated[int, Field("draws that reach the end")]
+    folded: Annotated[int, Field("draws with folds")]
+
+
+def _band(band: Band, pretension_mm: float) -> BandResult:
+    def tubes(pair: tuple[Tube, Tube]) -> dict[str, Tube]:
+        return dict(zip(("amplitude_deg", "phase_deg"), (one.times(degrees(1.0)) for one in pair), strict=True))
+
+    def marked(one: Marked | None) -> MarkedResult | None:
+        return None if one is None else MarkedResult(one.frequency_hz, one.amplitude.times(degrees(1.0)), one.draws)
+
+    return BandResult(
+        pretension_mm,
+        band.frequency_hz,
+        tubes(band.up),
+        tubes(band.down),
+        band.reached,
+        marked(band.peak),
+        marked(band.phase_90),
+        Rows(found for fold in band.folds if (found := marked(fold)) is not None),
+        band.draws,
+        band.complete,
+        band.folded,
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class DrawsResult(Result):
+    """What was drawn: how often, from which seed, names of the parameters that vary, and sentences on them."""
+
+    count: Annotated[int, Field("", "detail")]
+    seed: Annotated[int, Field("", "detail")]
+    parameters: Annotated[tuple[str, ...], Field("", "detail")]
+    remarks: Annotated[tuple[str, ...], Field("", "detail")]
+
+
+@dataclass(frozen=True, repr=False)
+class Steady(Result):
+    """Steady response over frequency: of an oscillator one curve, of a rig one for each pretension.
+
+    prediction: as it was solved. error_estimate: the largest error of all points; wall_s: time that it took.
+    """
+
+    prediction: Prediction
+    branches: Annotated[Rows[CurveResult], Field("")]
+    harmonics: Annotated[int, Field("", "detail")]
+    error_estimate: Annotated[float, Field("", "detail")]
+    wall_s: Annotated[float, Field("", "detail")]
+    _: KW_ONLY
+    backbone: Annotated[Rows[BackboneResult] | None, Field("backbone: response lags by 90°")] = None
+
+    def closing(self) -> list[str]:
+        """Return what curves and backbones did not reach, and how good they are."""
+        told = [line for one in (*self.branches, *(self.backbone or ())) for line in one.remarks()]
+        error = f"error estimate {self.error_estimate:.1e}, {self.wall_s * 1e3:.0f} ms"
+        return [*told, f"{self.harmonics} harmonics, {error}"]
+
+
+@dataclass(frozen=True, repr=False)
+class Predicted(Steady):
+    """A rig's prediction: its curves, what they are worth, and where asked for how far they can be off.
+
+    spec: the rig. asked, problem: what was solved. tubes: the bands in SI, one for each pretension. source: what the
+    rig was named by, among others.
+    """
+
+    rig: Annotated[str, Field("", "detail")]
+    spec: RigSpec
     asked: RigAsked
     problem: Problem
-    prediction: Prediction
-    checks: list[Check]
-    drawn: Drawn | None = None
+    validity: Annotated[Rows[Check], Field("", "detail")]
+    bands: Annotated[Rows[BandResult] | None, Field("90 % intervals from draws of the rig")] = None
+    draws: Annotated[DrawsResult | None, Field("", "detail")] = None
+    against: Annotated[Against | None, Field("", "detail")] = None
+    source: Annotated[str | None, Field("", "detail")] = None
+    tubes: tuple[Band, ...] = ()
 
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON holds it, without the rig's name."""
-        found = prediction_document(self.prediction, self.asked.pretensions)
-        found["validity"] = [one.to_json() for one in self.checks]
-        return found if self.drawn is None else found | self.drawn.document(self.asked.pretensions)
+    def blocks(self) -> list[Table | str]:
+        """Return its tables and sentences, and those of the recording that it is held against."""
+        return [*super().blocks(), *(self.against.blocks() if self.against is not None else ())]
 
-    def backbones(self) -> list[dict[str, Any]]:
-        """Return the documents of its backbones."""
-        asked = self.asked
-        return rig_backbones(
-            self.rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, asked.tendon_mode, asked.effects
-        )
+    def closing(self) -> list[str]:
+        """Return what each assumption is worth, and what to know of curves and draws."""
+        told = [one.line() for one in self.validity]
+        return [*told, *(f"- {one}" for one in (self.draws.remarks if self.draws else ())), *super().closing()]
 
-    def told(self) -> list[Table | str]:
-        """Return a row for each curve, what each assumption is worth, and the bands where there are some."""
-        document = self.document()
-        return prediction_told(document) + (bands_told(document) if self.drawn is not None else [])
+
+def _steady(prediction: Prediction, pretensions: Sequence[float | None], command_deg: float | None = None) -> Steady:
+    rows = Rows(_curve(one, mm, command_deg) for one, mm in zip(prediction.branches, pretensions, strict=True))
+    return Steady(prediction, rows, prediction.harmonics, prediction.error_estimate, prediction.wall_s)
 
 
 def predict(
@@ -135,7 +339,7 @@ def predict(
 
     >>> import sinew as sn
     >>> found = sn.predict("paper", 4, band_hz=(2.5, 4.0))
-    >>> peak = found.prediction.branches[0].peak
+    >>> peak = found.branches[0].peak
     >>> 3.0 < peak.frequency_hz < 4.0
     True
     """
@@ -149,12 +353,7 @@ def predict(
 def predict_rig(rig: RigSpec, asked: RigAsked) -> Predicted:
     """Return the prediction of a rig, with what it is worth. Raises SpecError for what the rig does not allow."""
     refuse_pretensions(rig, asked.pretensions)
-    low, high = asked.band_hz
-    if asked.mode not in TENDON_MODES or not 0 < low < high or not asked.amplitude_deg > 0:
-        raise SpecError(
-            f"found mode {asked.mode!r}, {asked.amplitude_deg:g}° and a band from {low:g} to {high:g} Hz; expected one "
-            f"of {', '.join(TENDON_MODES)}, a positive angle, and two positive frequencies, the lower first"
-        )
+    refuse_drive(asked.mode, asked.amplitude_deg, asked.band_hz)
     use_all_cores()
     problem = joint_problem(
         rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, mode=asked.tendon_mode, effects=asked.effects
@@ -164,7 +363,15 @@ def predict_rig(rig: RigSpec, asked: RigAsked) -> Predicted:
     checks = check_joint(rig, asked.pretensions, loads_of(problem, torsion), tilt_held=asked.mode != "current")
     broken = [mm for mm, one in zip(asked.pretensions, prediction.branches, strict=True) if not one.complete]
     checks = [*doubt_broken_curves(checks, broken), *check_drive(rig, asked.amplitude_deg, asked.band_hz[1])]
-    return Predicted(rig, asked, problem, prediction, checks)
+    return predicted_of(rig, asked, problem, prediction, checks)
+
+
+def predicted_of(
+    rig: RigSpec, asked: RigAsked, problem: Problem, prediction: Prediction, checks: Sequence[Check]
+) -> Predicted:
+    """Return curves of a rig with what they are worth."""
+    steady = _steady(prediction, asked.pretensions, asked.amplitude_deg)
+    return Predicted(**vars(steady), rig=rig.name, spec=rig, asked=asked, problem=problem, validity=Rows(checks))
 
 
 def with_bands(
@@ -180,7 +387,7 @@ def with_bands(
     Raises SpecError where nothing is known of how certain the rig's parameters are.
     """
     asked = found.asked
-    rig, changed = carried_over(base, found.rig)
+    rig, changed = carried_over(base, found.spec)
     draws = draw_rigs(rig, count, seed)
     bands = bands_of(
         found.prediction,
@@ -193,7 +400,39 @@ def with_bands(
         effects=asked.effects,
         progress=progress,
     )
-    return replace(found, drawn=Drawn(bands, draws, count, seed, changed))
+    certain = (f"what the design changes is taken as certain: {', '.join(changed)}",) if changed else ()
+    return replace(
+        found,
+        bands=Rows(_band(one, mm) for one, mm in zip(bands, asked.pretensions, strict=True)),
+        draws=DrawsResult(count, seed, draws.names, (*draws.remarks, *certain)),
+        tubes=tuple(bands),
+    )
+
+
+def with_backbone(found: Predicted) -> Predicted:
+    """Return a prediction with the backbone at each pretension, up to the amplitude of the command that was asked."""
+    asked, rows = found.asked, []
+    followed = follow_backbones(found.problem, asked.band_hz, RESOLUTION)
+    for mm, backbone in zip(asked.pretensions, followed, strict=True):
+        command = backbone.share * np.radians(asked.amplitude_deg)
+        lever = backbone.curve.drive * (command if found.problem.equations.drive is None else 1.0)
+        drive = {"command_deg": np.degrees(command), "lever_deg": np.degrees(np.abs(lever))}
+        rows.append(_backbone(backbone, mm, equivalent_of_rig(backbone.curve, lever, found.spec), **drive))
+    return replace(found, backbone=Rows(rows))
+
+
+def predict_oscillator(one: Oscillator, band_hz: tuple[float, float], *, backbone: bool = False) -> Steady:
+    """Return the steady response of an oscillator over a band [Hz]. backbone: also that, up to its drive."""
+    configure()
+    problem, resolution = oscillator_problem([one], band_hz), resolution_of([one])
+    found = _steady(predict_problem(problem, band_hz, resolution), [None])
+    if not backbone:
+        return found
+    (followed,) = follow_backbones(problem, band_hz, resolution)
+    share = followed.share
+    drive = {"base_deg": np.degrees(share * one.base)} if one.base else {"torque_n_m": share * one.torque}
+    equivalent = equivalent_of_oscillator(followed.curve, one, share)
+    return replace(found, backbone=Rows([_backbone(followed, None, equivalent, **drive)]))
 
 
 def refuse_pretensions(rig: RigSpec, pretension_mm: Sequence[float]) -> None:
@@ -207,227 +446,43 @@ def refuse_pretensions(rig: RigSpec, pretension_mm: Sequence[float]) -> None:
             )
 
 
-# A prediction, a backbone and a band become JSON.
+def refuse_drive(mode: str, amplitude_deg: float, band_hz: tuple[float, float]) -> None:
+    """Do nothing where motors can have a mode and a drive can have an amplitude [deg] over a band [Hz]; else raise
+    SpecError."""
+    low, high = band_hz
+    if mode not in TENDON_MODES or not 0 < low < high or not amplitude_deg > 0:
+        raise SpecError(
+            f"found mode {mode!r}, {amplitude_deg:g}° and a band from {low:g} to {high:g} Hz; expected one of "
+            f"{', '.join(TENDON_MODES)}, a positive angle, and two positive frequencies, the lower first"
+        )
 
 
-def _mark(mark: Mark | None) -> dict[str, float] | None:
-    if mark is None:
-        return None
-    return {"frequency_hz": mark.frequency_hz, "amplitude_deg": degrees(mark.amplitude)}
+@dataclass(frozen=True, repr=False)
+class Compared(Result):
+    """Predictions of several rigs together, at one amplitude of the drive's command."""
 
+    amplitude_deg: Annotated[float, Field("", "detail")]
+    rigs: Annotated[Rows[Predicted], Field("", "detail")]
 
-def _branch(branch: Branch, pretension_mm: float) -> dict[str, Any]:
-    return {
-        "pretension_mm": finite(pretension_mm),
-        "frequency_hz": branch.frequency_hz.tolist(),
-        "amplitude_deg": np.degrees(branch.amplitude).tolist(),
-        "fundamental_deg": np.degrees(branch.fundamental).tolist(),
-        "phase_deg": np.degrees(branch.phase).tolist(),
-        "stable": branch.stable.tolist(),
-        "multiplier": branch.multiplier.tolist(),
-        "harmonic_shares": shares_document(branch),
-        "folds": [_mark(fold) for fold in branch.folds],
-        "peak": _mark(branch.peak),
-        "fundamental_peak": _mark(branch.fundamental_peak),
-        "phase_90": _mark(branch.phase_90),
-        "error": branch.error.tolist(),
-        "complete": branch.complete,
-        "message": branch.message,
-    }
-
-
-def prediction_document(prediction: Prediction, pretensions: list[float]) -> dict[str, Any]:
-    """Return the document of a prediction. pretensions: of its branches [mm]; NaN for an oscillator."""
-    return {
-        "branches": [_branch(one, mm) for one, mm in zip(prediction.branches, pretensions, strict=True)],
-        "harmonics": prediction.harmonics,
-        "error_estimate": prediction.error_estimate,
-        "wall_s": prediction.wall_s,
-    }
-
-
-def shares_document(branch: Branch) -> dict[str, list[float | None]]:
-    """Return the harmonics from the second to the fifth as shares of the fundamental, by order."""
-    return {str(order): all_finite(share) for order, share in harmonic_shares(branch).items()}
-
-
-def equivalent_document(equivalent: Equivalent) -> dict[str, list[float | None]]:
-    """Return the spring and damper that take the fundamental's place."""
-    return {
-        "stiffness_n_m_rad": all_finite(equivalent.stiffness),
-        "damping_n_m_s_rad": all_finite(equivalent.damping),
-        "damping_ratio": all_finite(equivalent.damping_ratio),
-    }
-
-
-def _document(
-    backbone: Backbone, pretension_mm: float | None, drive: dict[str, Any], equivalent: Equivalent
-) -> dict[str, Any]:
-    curve = backbone.curve
-    return {
-        "pretension_mm": pretension_mm,
-        "frequency_hz": curve.frequency_hz.tolist(),
-        "amplitude_deg": np.degrees(curve.amplitude).tolist(),
-        "fundamental_deg": np.degrees(curve.fundamental).tolist(),
-        **drive,
-        **equivalent_document(equivalent),
-        "harmonic_shares": shares_document(curve),
-        "stable": curve.stable.tolist(),
-        "multiplier": curve.multiplier.tolist(),
-        "error": curve.error.tolist(),
-        "complete": curve.complete,
-        "message": curve.message,
-    }
-
-
-def oscillator_backbones(one: Oscillator, band_hz: tuple[float, float]) -> list[dict[str, Any]]:
-    """Return the backbone of an oscillator up to its drive."""
-    (backbone,) = follow_backbones(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))
-    share = backbone.share
-    drive = {"torque_n_m": (share * one.torque).tolist()}
-    if one.base:
-        drive = {"base_deg": np.degrees(share * one.base).tolist()}
-    return [_document(backbone, None, drive, equivalent_of_oscillator(backbone.curve, one, share))]
-
-
-def rig_backbones(
-    rig: RigSpec,
-    pretensions: Sequence[float],
-    amplitude_deg: float,
-    band_hz: tuple[float, float],
-    mode: TendonMode,
-    effects: Effects,
-) -> list[dict[str, Any]]:
-    """Return the backbone of a rig at each pretension, up to an amplitude of the command."""
-    problem = joint_problem(rig, list(pretensions), amplitude_deg, band_hz, mode=mode, effects=effects)
-    documents = []
-    for mm, backbone in zip(pretensions, follow_backbones(problem, band_hz, RESOLUTION), strict=True):
-        command = backbone.share * np.radians(amplitude_deg)
-        lever = backbone.curve.drive * (command if problem.equations.drive is None else 1.0)
-        drive = {
-            "command_deg": np.degrees(command).tolist(),
-            "lever_deg": np.degrees(np.abs(lever)).tolist(),
-        }
-        documents.append(_document(backbone, mm, drive, equivalent_of_rig(backbone.curve, lever, rig)))
-    return documents
-
-
-def _band(band: Band, pretension_mm: float) -> dict[str, Any]:
-    return {
-        "pretension_mm": pretension_mm,
-        "frequency_hz": band.frequency_hz.tolist(),
-        "up": _swept(band.up),
-        "down": _swept(band.down),
-        "reached": band.reached.tolist(),
-        "peak": _marked(band.peak),
-        "phase_90": _marked(band.phase_90),
-        "folds": [_marked(fold) for fold in band.folds],
-        "draws": band.draws,
-        "complete": band.complete,
-        "folded": band.folded,
-    }
-
-
-def _swept(tubes: tuple[Tube, Tube]) -> dict[str, Any]:
-    def degrees(tube: Tube) -> dict[str, Any]:
-        return {name: all_finite(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
-
-    return {name: degrees(tube) for name, tube in zip(("amplitude_deg", "phase_deg"), tubes, strict=True)}
-
-
-def _marked(one: Marked | None) -> dict[str, Any] | None:
-    if one is None:
-        return None
-    return {
-        "frequency_hz": one.frequency_hz.to_json(),
-        "amplitude_deg": _in_degrees(one.amplitude).to_json(),
-        "draws": one.draws,
-    }
-
-
-def _in_degrees(one: Estimate) -> Estimate:
-    return Estimate(degrees(one.value), degrees(one.std), degrees(one.low), degrees(one.high))
-
-
-# Predictions as a person reads them.
-
-
-def mark_cell(mark: dict[str, float] | None) -> str:
-    """Return a marked point in words."""
-    return "-" if mark is None else f"{number(mark['frequency_hz'], unit='Hz')}, {number(mark['amplitude_deg'])}°"
-
-
-def prediction_told(document: dict[str, Any]) -> list[Table | str]:
-    """Return a row for each branch, and what is to be said of them."""
-    rows = []
-    for branch in document["branches"]:
-        pretension = branch["pretension_mm"]
-        folds = "; ".join(mark_cell(fold) for fold in branch["folds"]) or "none"
-        name = "-" if pretension is None else f"{pretension:g}"
-        steady = f"{sum(branch['stable'])} of {len(branch['stable'])}"
-        peaks = (mark_cell(branch[key]) for key in ("peak", "fundamental_peak", "phase_90"))
-        rows.append((name, *peaks, folds, steady))
-    head = ("pretension/mm", "peak (Eq. 6)", "peak of the fundamental", "90° of phase", "folds", "stable points")
-    error = f"error estimate {document['error_estimate']:.1e}, {document['wall_s'] * 1e3:.0f} ms"
-    return [Table(head, rows), *remarks_told(document), f"{document['harmonics']} harmonics, {error}"]
-
-
-def remarks_told(document: dict[str, Any], *, faults_only: bool = False) -> list[str]:
-    """Return what a curve did not reach, and what each assumption is worth; faults_only: those that do not hold."""
-    branches, checks = document["branches"], document.get("validity", [])
-    told = [f"- {one['message']}" for one in branches if not one["complete"] or "not" in one["message"]]
-    return told + [
-        f"- {check['check']} {'holds' if check['holds'] else 'DOES NOT HOLD'}: {check['sentence']}"
-        for check in checks
-        if not (faults_only and check["holds"])
-    ]
-
-
-def backbones_told(backbones: list[dict[str, Any]]) -> list[Table | str]:
-    """Return where each backbone begins and ends."""
-
-    def cells(one: dict[str, Any], at: int) -> str:
-        ratio = one["damping_ratio"][at]
-        swing = f"{number(one['frequency_hz'][at], unit='Hz')}, {number(one['amplitude_deg'][at])}°"
-        return swing if ratio is None else f"{swing}, D {number(ratio, 3)}"
-
-    rows = []
-    for one in backbones:
-        name = "-" if one["pretension_mm"] is None else f"{one['pretension_mm']:g}"
-        ends = (cells(one, 0), cells(one, -1)) if one["frequency_hz"] else ("-", "-")
-        rows.append((name, *ends, str(len(one["frequency_hz"]))))
-    columns = ("pretension/mm", "weakest drive", "whole drive", "points")
-    table = Table(columns, rows, "backbone: response lags by 90°")
-    return [table, *(f"- {one['message']}" for one in backbones if not one["complete"])]
-
-
-def bands_told(document: dict[str, Any]) -> list[Table | str]:
-    """Return a row of intervals for each curve, and what to know of the draws."""
-    rows = []
-    for band in document["bands"]:
-        folds = "; ".join(_cell(fold) for fold in band["folds"]) or "none"
-        rows.append((f"{band['pretension_mm']:g}", _cell(band["peak"]), _cell(band["phase_90"]), folds))
-    draws = document["draws"]
-    title = f"90 % intervals from {draws['count']} draws"
-    told: list[Table | str] = [Table(("pretension/mm", "peak", "90° of phase", "folds"), rows, title)]
-    for band in document["bands"]:
-        if band["complete"] < band["draws"]:
-            lost = band["draws"] - band["complete"]
-            told.append(
-                f"- at {band['pretension_mm']:g} mm {lost} of {band['draws']} draws do not reach the end of the band"
+    def blocks(self) -> list[Table | str]:
+        """Return the peaks of all rigs in one table, and what does not hold of each."""
+        rows = [
+            (
+                found.rig if i == 0 else "",
+                f"{one.pretension_mm:g}",
+                one.peak.cell() if one.peak else "–",
+                f"{len(one.folds)}",
             )
-        if 0 < band["folded"] < band["draws"]:
-            told.append(f"- at {band['pretension_mm']:g} mm {band['folded']} of {band['draws']} draws have folds")
-    return [*told, *(f"- {sentence}" for sentence in draws["remarks"])]
-
-
-def _cell(mark: dict[str, Any] | None) -> str:
-    if mark is None:
-        return "-"
-    (f_low, f_high), (a_low, a_high) = mark["frequency_hz"]["interval90"], mark["amplitude_deg"]["interval90"]
-    if None in (f_low, f_high, a_low, a_high):
-        return "too few draws have it"
-    return f"{span(f_low, f_high, 'Hz')}, {span(a_low, a_high)}°"
+            for found in self.rigs
+            for i, one in enumerate(found.branches)
+        ]
+        told: list[Table | str] = [Table(("rig", "pretension/mm", "peak (Eq. 6)", "folds"), rows)]
+        for found in self.rigs:
+            held = sum(check.holds for check in found.validity)
+            told.append(f"{found.rig}: {held} of {len(found.validity)} assumptions hold")
+            told += [line for one in found.branches for line in one.remarks()]
+            told += [check.line() for check in found.validity if not check.holds]
+        return told
 
 
 # A sketch of a curve for who moves a slider: the same equations, few harmonics, long steps, no refining.

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -13,15 +13,15 @@ from scipy.optimize import brentq
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import NORMAL_90, Estimate, fixed
+from sinew.measure.estimate import NORMAL_90, Estimate
+from sinew.measure.result import Column, Field, Result, Rows
 from sinew.measure.tasks import HERE, Spread, cores, each_task
-from sinew.measure.told import Table
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.space import Space
-from sinew.plan.pose import swing_of_bend
+from sinew.plan.plan import swing_of_bend
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.validity import STRAIN
-from sinew.predict.pose import surface_strain
+from sinew.predict.pose import Way, pulls_of, surface_strain, upright
 from sinew.solve.programs import configure
 from sinew.solve.spatial import (
     Around,
@@ -30,7 +30,6 @@ from sinew.solve.spatial import (
     bend,
     first_contact,
     hold,
-    in_mode,
     rest,
     set_across,
     softest_of,
@@ -55,76 +54,65 @@ _STRIP = 400
 Progress = Callable[[float, float], None]
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """A map of poses. pretension_mm (p,); pitch_deg (i,), roll_deg (j,). Over (p, i, j), NaN where not reached:
-    verdict: index into `VERDICTS`, or `OUTSIDE`; highest, lowest: tension of a tendon [N], the latter negative where a
-    cable is slack or would have to push; softest: of `Rest`; strain: of the surface [1]."""
+@dataclass(frozen=True, repr=False)
+class Shares(Result):
+    """The share of each of `VERDICTS` among the poses that were asked for."""
 
-    rig: RigSpec
-    mode: str
-    pretension_mm: Array
-    pitch_deg: Array
-    roll_deg: Array
-    verdict: NDArray[np.int64]
-    highest: Array
-    lowest: Array
-    softest: Array
-    strain: Array
-
-    def taut_bend_deg(self, index: int) -> float:
-        """Return the bend [deg] up to which every pose of a pretension is reached with all tendons taut, on the map."""
-        bend = np.hypot(self.pitch_deg[:, None], self.roll_deg[None, :])
-        verdict = self.verdict[index]
-        out = bend[(verdict != REACHED) & (verdict != OUTSIDE)]
-        inside, first = bend[verdict == REACHED], out.min() if out.size else math.inf
-        return float(max((b for b in inside if b < first - 1e-9), default=0.0))
-
-    def shares(self, index: int) -> dict[str, float]:
-        """Return the share of each verdict among the poses that were asked for at a pretension."""
-        asked = self.verdict[index][self.verdict[index] != OUTSIDE]
-        return {name: float(np.mean(asked == code)) for code, name in enumerate(VERDICTS)}
-
-    def document(self) -> dict[str, Any]:
-        """Return it as JSON holds it; see docs/reference/json.md."""
-        return {
-            "rig": self.rig.name,
-            "mode": self.mode,
-            "verdicts": list(VERDICTS),
-            "pitch_deg": self.pitch_deg.tolist(),
-            "roll_deg": self.roll_deg.tolist(),
-            "maps": [
-                {
-                    "pretension_mm": float(mm),
-                    "taut_bend_deg": self.taut_bend_deg(p),
-                    "shares": {name.replace(" ", "_"): share for name, share in self.shares(p).items()},
-                    "verdict": [[None if v == OUTSIDE else int(v) for v in row] for row in self.verdict[p]],
-                    "highest_n": _listed(self.highest[p]),
-                    "lowest_n": _listed(self.lowest[p]),
-                    "softest": _listed(self.softest[p]),
-                    "strain": _listed(self.strain[p]),
-                }
-                for p, mm in enumerate(self.pretension_mm)
-            ],
-        }
-
-    def told(self) -> list[Table | str]:
-        """Return it as a person reads it."""
-        seen = [code for code in range(len(VERDICTS)) if (self.verdict == code).any()]
-        rows = []
-        for p, mm in enumerate(self.pretension_mm):
-            shares = self.shares(p)
-            cells = [f"{100 * shares[VERDICTS[code]]:.1f}" for code in seen]
-            highest = float(np.nanmax(self.highest[p])) if np.isfinite(self.highest[p]).any() else math.nan
-            rows.append((f"{mm:g}", f"{self.taut_bend_deg(p):.0f}", *cells, fixed(highest, 0)))
-        columns = ("pretension/mm", "all taut up to/°", *(f"{VERDICTS[code]}/%" for code in seen), "highest/N")
-        count = int((self.verdict[0] != OUTSIDE).sum()) if len(self.verdict) else 0
-        title = f"{self.rig.name}, {self.mode}: {count} poses at each pretension"
-        return [Table(columns, rows, title)]
+    reached: Annotated[float, Field("reached", unit="%")]
+    slack: Annotated[float, Field("slack", unit="%")]
+    over_tension: Annotated[float, Field("over tension", unit="%")]
+    over_travel: Annotated[float, Field("over travel", unit="%")]
+    over_strain: Annotated[float, Field("over strain", unit="%")]
+    buckles: Annotated[float, Field("buckles", unit="%")]
+    not_found: Annotated[float, Field("not found", unit="%")]
 
 
-def _listed(values: Array) -> list[list[float | None]]:
-    return [[float(v) if math.isfinite(v) else None for v in row] for row in values]
+@dataclass(frozen=True, repr=False)
+class PoseMap(Result):
+    """The map of one pretension, over (pitch, roll), NaN where not reached.
+
+    taut_bend_deg: bend up to which every pose is reached with all tendons taut. verdict: index into `VERDICTS`, None
+    where it was not asked for. highest_n, lowest_n: tension of a tendon, the latter negative where a cable is slack or
+    would have to push; softest: of `Rest`; strain: of the surface [1].
+    """
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    taut_bend_deg: Annotated[float, Field("all taut up to")]
+    shares: Annotated[Shares, Field("")]
+    verdict: Annotated[tuple[tuple[int | None, ...], ...], Field("", "detail")]
+    highest_n: Column
+    lowest_n: Column
+    softest: Column
+    strain: Column
+
+
+@dataclass(frozen=True, repr=False)
+class Workspace(Result):
+    """Maps of poses, one for each pretension; pitch_deg (i,), roll_deg (j,): their rows and columns."""
+
+    rig: Annotated[str, Field("", "detail")]
+    mode: Annotated[str, Field("", "detail")]
+    verdicts: Annotated[tuple[str, ...], Field("", "detail")]
+    pitch_deg: Column
+    roll_deg: Column
+    maps: Annotated[Rows[PoseMap], Field("poses that the joint reaches")]
+
+
+def _map_of(plane: "Plane", pretension_mm: float) -> PoseMap:
+    bend, verdict = np.hypot(plane.axis[:, None], plane.axis[None, :]), plane.verdict
+    out = bend[(verdict != REACHED) & (verdict != OUTSIDE)]
+    inside, first = bend[verdict == REACHED], out.min() if out.size else math.inf
+    asked = verdict[verdict != OUTSIDE]
+    return PoseMap(
+        pretension_mm,
+        float(max((b for b in inside if b < first - 1e-9), default=0.0)),
+        Shares(*(float(np.mean(asked == code)) for code in range(len(VERDICTS)))),
+        tuple(tuple(None if v == OUTSIDE else v for v in row) for row in verdict.tolist()),
+        plane.highest,
+        plane.lowest,
+        plane.softest,
+        plane.strain,
+    )
 
 
 def map_workspace(
@@ -155,9 +143,9 @@ def map_workspace(
         plane, strip = parts[place]
         done += plane.put(strip.columns, columns)
         progress(done, total)
-    stacked = [np.stack([getattr(plane, name) for plane in planes]) for name in Plane.COLUMNS]
     axis = planes[0].axis
-    return Workspace(rig, mode, np.asarray(pretension_mm, dtype=float), axis, axis, *stacked)
+    maps = Rows(_map_of(plane, float(mm)) for plane, mm in zip(planes, pretension_mm, strict=True))
+    return Workspace(rig.name, mode, VERDICTS, axis, axis, maps)
 
 
 def planes_of(rig: RigSpec, pretension_mm: Sequence[float], step_deg: float, mode: str) -> "list[Plane]":
@@ -204,11 +192,7 @@ def fill_strip(strip: Strip) -> tuple[NDArray[Any], ...]:
 
 
 def _upright(space: Space, contact: float, pretension: float, mode: str) -> tuple[Space, _Known]:
-    there, found = rest(space, contact, np.full(np.shape(space.cable_end), pretension))
-    if mode == "current":
-        there = in_mode(there, CURRENT)
-        pulled = np.full(np.shape(there.cable_end), found.at.tension.mean())
-        there = there._replace(held_tension=pulled)
+    there, found = upright(space, contact, pretension, mode)
     return jax.tree.map(np.asarray, there), _Known(np.asarray(found.q), np.zeros(2))
 
 
@@ -289,11 +273,11 @@ class Plane:
     def _judge(self, cell: tuple[int, int], found: Steered) -> None:
         """Write what a pose is; tensions by the tangent over the last step of Newton's method."""
         rig, there = self.rig, set_across(self.space, found.across)
-        joint = there.rod.joint
-        stiffness, by_current = float(joint.stiffness), float(joint.mode) == CURRENT
         spans = found.at.spans + found.at.by_span @ found.move
-        pull = there.held_tension if by_current else stiffness * (spans - there.cable_end)
-        take_up = 1e3 * (self.ends - (spans - np.maximum(pull, 0.0) / stiffness if by_current else there.cable_end))
+        pull, slack = pulls_of(spans, there), there.cable_end
+        if float(there.rod.joint.mode) == CURRENT:
+            slack = spans - np.maximum(pull, 0.0) / float(there.rod.joint.stiffness)
+        take_up = 1e3 * (self.ends - slack)
         self.highest[cell], self.lowest[cell] = np.max(pull), np.min(pull)
         self.softest[cell] = softest_of(found.at, there)
         self.strain[cell] = surface_strain(found.q, there, rig)
@@ -357,8 +341,7 @@ def pulls_over_bend(rig: RigSpec, pretension_mm: float, bends_deg: Sequence[floa
     rows = []
     for one in bends_deg:
         there, found = bend(space, contact, 1e-3 * pretension_mm, math.radians(one) * direction)
-        pull = float(there.rod.joint.stiffness) * (found.at.spans - np.asarray(there.cable_end))
-        rows.append(pull if found.found else np.full(rig.tendons.count, np.nan))
+        rows.append(pulls_of(found.at.spans, there) if found.found else np.full(rig.tendons.count, np.nan))
     return np.array(rows)
 
 
@@ -438,15 +421,12 @@ class _Loaded:
     def __init__(self, rig: RigSpec, pretension_mm: float, bend_deg: float, azimuth_deg: float, height: float) -> None:
         configure()
         self.rig, self.height = rig, height
-        bare, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
-        self.held, upright = rest(bare, contact, np.full(rig.tendons.count, 1e-3 * pretension_mm))
+        way = Way.begin(space_from_rig(rig), rig.tendons.first_contact_tension.value, 1e-3 * pretension_mm, "position")
         self.tilt = np.array(swing_of_bend(math.radians(bend_deg), math.radians(azimuth_deg)))
-        self.q, self.across = upright.q, np.zeros(2)
         count = max(1, math.ceil(bend_deg / 4))
         for i in range(1, count + 1):
-            found = steer(self.held, self.tilt * i / count, self.q, self.across, enough=1e-6)
-            if found is not None:
-                self.q, self.across = found.q, found.across
+            way.pull(self.tilt * i / count)
+        self.held, self.q, self.across = way.space, way.q, way.across
 
     def margins(self, mass: float) -> Array:
         """Return what is left [N], [N], [1] of `MARGINS`; -1 of each where there is no pose."""
@@ -454,8 +434,7 @@ class _Loaded:
         found = steer(there, self.tilt, self.q, self.across, enough=1e-6, most_steps=20)
         if found is None:
             return np.full(3, -1.0)
-        ends = set_across(there, found.across).cable_end
-        pull = float(there.rod.joint.stiffness) * (found.at.spans - ends)
+        pull = pulls_of(found.at.spans, set_across(there, found.across))
         return np.array([np.min(pull), self.rig.limits.tension_n - np.max(pull), softest_of(found.at, there)])
 
     def least(self, mass: float) -> float:

@@ -67,8 +67,7 @@ def _block(y: jax.Array, lane: Lane, *, equations: Equations, size: Size, weaken
 
         left, slope, local = balance(x, lane_at(share), equations, size)
         by_share = jax.jacfwd(lambda s: balance(x, lane_at(s), equations, size).left)(share)
-        mapped = half_map(means_of(local, equations), x[-1] * lane.omega, equations)
-        return left, jnp.concatenate([slope, by_share[:, None]], axis=1), mapped
+        return left, jnp.concatenate([slope, by_share[:, None]], axis=1), means_of(local, equations)
 
     return jax.vmap(one)(y, lane)
 
@@ -80,7 +79,8 @@ def evaluate_extended(y: Array, lanes: NDArray[np.intp], problem: Problem, size:
         m, states = y.shape[1] - 1, size_of(equations)
         return Extended(np.zeros((0, m)), np.zeros((0, m, m + 1)), np.zeros((0, states, states)))
     each = partial(_block, weakened=problem.weakened)
-    left, slope, maps = in_blocks(each, y, rows_of(problem.lane, lanes), equations, size)
+    left, slope, mean = in_blocks(each, y, rows_of(problem.lane, lanes), equations, size)
+    maps = half_map(mean, y[:, -2] * np.asarray(problem.lane.omega)[lanes], equations)
     product, by_motion = lag_product(y[:, :-1], equations, size.harmonics)
     scale = np.maximum(np.abs(product), 1e-300)[:, None]
     row = np.concatenate([by_motion, np.zeros((len(y), 1))], axis=1) / scale

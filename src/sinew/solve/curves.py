@@ -10,21 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, wrapped_lag
-from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
-from sinew.solve.branch import Branch, Mark, Prediction
-from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
-from sinew.solve.examination import Examination, examine, in_blocks, largest_multiplier, pool, rows_of
-from sinew.solve.landmark import (
+from sinew.solve.balance import Equations, Lane, Size, embedded, orders, scales, slices, unknowns
+from sinew.solve.branch import (
     FOLD,
     PEAK,
     QUARTER,
+    Branch,
     Guess,
     Located,
+    Mark,
+    Prediction,
     Search,
     guesses,
     interpolated_peak,
     locate,
 )
+from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
+from sinew.solve.examination import Examination, examine, in_blocks, largest_multiplier, pool, rows_of
 
 LANES = 4
 """Lanes that are followed together."""
@@ -126,13 +128,6 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     return [Located(*(row[i] for row in done)) for i in range(len(found))]
 
 
-def _scales(problem: Problem, lane: int, size: Size) -> Array:
-    """Return the scale of each unknown amplitude of a lane, (m,)."""
-    scale = np.asarray(problem.lane.scale)[lane]
-    parts = slices(problem.equations, size.harmonics)
-    return np.concatenate([np.full(part.stop - part.start, one) for part, one in zip(parts, scale, strict=True)])
-
-
 def _branch(
     lane: int,
     problem: Problem,
@@ -143,8 +138,8 @@ def _branch(
     marks: list[tuple[Guess, Located]],
     enough: float,
 ) -> Branch:
-    equations, scale = problem.equations, np.asarray(problem.lane.scale)[lane]
-    hertz = float(np.asarray(problem.lane.omega)[lane]) / (2 * np.pi)
+    equations, own = problem.equations, rows_of(problem.lane, np.array(lane))
+    scale, hertz = own.scale, float(own.omega) / (2 * np.pi)
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
     count, status = seen.frequency.size, int(curve.status[lane])
     kept: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
@@ -187,7 +182,8 @@ def _branch(
         error=error,
         complete=status == OUTSIDE,
         message="; ".join(told),
-        motion=seen.motion[:, :-1] * _scales(problem, lane, fine),
+        motion=seen.motion[:, :-1]
+        * np.asarray(scales(rows_of(problem.lane, np.array(lane)), equations, fine.harmonics)),
         waves=fine.harmonics,
         holes=np.flatnonzero(np.diff(part) > 1) + 1,
     )

@@ -7,7 +7,6 @@ left after it is what the finer waves cut off, which is less.
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -123,84 +122,11 @@ def half_range(x: Array, equations: Equations, harmonics: int) -> HalfRange:
 # exp(A h): stable for whatever is fast, the axial motion of a head or a gear that sticks. With 64 intervals over half a
 # period the largest multiplier is as exact as with one for each of 256 samples and the (2, 2) approximant.
 #
-# The approximant is a sum over its poles, 1 + 2 Re Σ w/(A h - r). Of (A h - r) z = e a coordinate's lower derivatives
-# and lagging copies are known as soon as its highest one of first order is, so there is a system of only c rows to
-# solve; what is left over are sums of the channels, coordinate by coordinate.
-#
 # Where the equations are symmetric half a period is enough: with S the change of sign of the odd coordinates, the
 # half map S Φ(T/2) has the square roots of the multipliers as eigenvalues. One at +1 belongs to a fold, one at -1 to
 # a loss of symmetry.
 
 _INTERVALS = 64
-
-
-@cache
-def _poles() -> tuple[tuple[complex, complex], ...]:
-    """Return (pole r, weight w) of the (4, 4) Padé approximant of exp, the upper ones of pairs."""
-    upper = np.array([1 / 1680, 1 / 84, 3 / 28, 1 / 2, 1])
-    lower = upper * np.array([1.0, -1.0, 1.0, -1.0, 1.0])
-    roots = [complex(r) for r in np.roots(lower)]
-    return tuple((r, complex(np.polyval(upper, r) / np.polyval(np.polyder(lower), r))) for r in roots if r.imag > 0)
-
-
-def _resolved(pole: complex, h: jax.Array, equations: Equations) -> tuple[jax.Array, jax.Array]:
-    """Return what each state of a solution z of (A h - pole) z = e is of its coordinate's highest derivative of first
-    order, (s,), and of e, (s, s); of e only those of the same coordinate."""
-    total = size_of(equations)
-    by_top, by_right = jnp.ones(total, complex), jnp.zeros((total, total), complex)
-    for coordinate, (own, _, top) in zip(equations.coordinates, _states(equations), strict=True):
-        if coordinate.order == 2:
-            by_top, by_right = by_top.at[own].set(h / pole), by_right.at[own, own].set(-1 / pole)
-        for k, relaxation in enumerate(coordinate.relaxed, top + 1):
-            share = h / relaxation / (pole + h / relaxation)
-            by_top = by_top.at[k].set(share * by_top[own])
-            by_right = by_right.at[k].set(share * by_right[own]).at[k, k].set(-1 / (pole + h / relaxation))
-    return by_top, by_right
-
-
-def _states(equations: Equations) -> list[tuple[int, int, int]]:
-    """Return where the states of each coordinate begin and end, and which is its highest derivative of first order."""
-    ends = np.cumsum([0] + [c.order + len(c.relaxed) for c in equations.coordinates]).tolist()
-    return [(*at, at[0] + c.order - 1) for at, c in zip(pairwise(ends), equations.coordinates, strict=True)]
-
-
-def _systems(mean: jax.Array, own: list[jax.Array], constant: jax.Array) -> jax.Array:
-    """Return systems [matrix, right sides] (c, c + s, n) of the mean slopes (c, s, n), one part of complex ones.
-
-    own: of each coordinate the factors (k, 1 + k) with which its k channels enter its columns: that of the matrix, and
-    its k right sides. Other channels do not enter them. constant: what is added, (c, c + s).
-    """
-    left, right, begin = [], [], 0
-    for shares in own:
-        columns = sum((share[:, None] * mean[:, begin + k, None] for k, share in enumerate(shares)), jnp.zeros(()))
-        left.append(columns[:, :1])
-        right.append(columns[:, 1:])
-        begin += len(shares)
-    return jnp.concatenate(left + right, axis=1) + constant[:, :, None]
-
-
-def _divided(real: jax.Array, imaginary: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return the solutions (c, r, n) of n systems [matrix, right sides] (c, c + r, n), without pivoting: a leading part
-    of A h has no eigenvalue at a complex pole of the approximant.
-
-    Real and imaginary part are kept apart, and the systems last, so that XLA computes several at once.
-    """
-    count = real.shape[0]
-    for k in range(count):
-        size = real[k, k] ** 2 + imaginary[k, k] ** 2
-        a, b = real[k, k] / size, -imaginary[k, k] / size
-        top = real[k] * a - imaginary[k] * b, real[k] * b + imaginary[k] * a
-        others = jnp.where(np.arange(count) == k, 0.0, 1.0)[:, None]
-        a, b = ((others * part[:, k])[:, None] for part in (real, imaginary))
-        u, v = (part[None] for part in top)
-        real, imaginary = real - (a * u - b * v), imaginary - (a * v + b * u)
-        real, imaginary = real.at[k].set(top[0]), imaginary.at[k].set(top[1])
-    return real[:, count:], imaginary[:, count:]
-
-
-def _signs(equations: Equations) -> NDArray[np.float64]:
-    rows = [np.full(c.order + len(c.relaxed), -1.0 if c.parity == "odd" else 1.0) for c in equations.coordinates]
-    return np.concatenate(rows)
 
 
 def means_of(local: jax.Array, equations: Equations) -> jax.Array:
@@ -214,34 +140,36 @@ def means_of(local: jax.Array, equations: Equations) -> jax.Array:
     return jnp.stack([local[:, :, i::together] for i in range(together)]).mean(axis=0)
 
 
-def half_map(mean: jax.Array, omega: jax.Array, equations: Equations) -> jax.Array:
-    """Return the map (s, s) of disturbances over half a period, odd coordinates turned back; over a whole one where
-    the equations are not symmetric.
+def half_map(mean: Array, omega: Array, equations: Equations) -> Array:
+    """Return the maps (..., s, s) of disturbances over half a period, odd coordinates turned back; over a whole one
+    where the equations are not symmetric.
 
-    mean: of `means_of`, whose channels stand in the order of the states: lower derivatives and lagging copies,
-    coordinate by coordinate. omega: Ω [rad/s].
+    mean: of `means_of`, (..., c, s, i), whose channels stand in the order of the states: lower derivatives and lagging
+    copies, coordinate by coordinate. omega: Ω [rad/s], (...).
     """
-    symmetric, total, states = is_symmetric(equations), size_of(equations), _states(equations)
-    count = len(states)
-    h = (np.pi if symmetric else 2 * np.pi) / omega / mean.shape[2]
-    units = np.concatenate([np.zeros((count, count)), np.eye(total)[[top for *_, top in states]]], axis=1)
-    ahead, spread = jnp.eye(total), jnp.zeros(())
-    for pole, weight in _poles():
-        by_top, by_right = _resolved(pole, h, equations)
-        own = [h * jnp.concatenate([by_top[b:e, None], -by_right[b:e, b:e]], axis=1) for b, e, _ in states]
-        constant: Complexes = units - pole * np.eye(count, count + total)
-        parts = [_systems(mean, [part(one) for one in own], part(constant)) for part in (jnp.real, jnp.imag)]
-        real, imaginary = _divided(*parts)
-        share = 2 * weight * by_top[:, None, None]
-        rows = [
-            share.real[begin:end] * real[c] - share.imag[begin:end] * imaginary[c]
-            for c, (begin, end, _) in enumerate(states)
-        ]
-        spread = spread + jnp.concatenate(rows)
-        ahead = ahead + 2 * (weight * by_right).real
-    steps = jnp.moveaxis(ahead[:, :, None] + spread, 2, 0)
-    whole, _ = jax.lax.scan(lambda now, step: (step @ now, None), jnp.eye(total), steps)
-    return jnp.asarray(_signs(equations) if symmetric else np.ones(total))[:, None] * whole
+    symmetric, total, begin = is_symmetric(equations), size_of(equations), 0
+    slopes, sign = np.zeros((*mean.shape[:-3], mean.shape[-1], total, total)), np.ones(total)
+    for c, coordinate in enumerate(equations.coordinates):
+        top = begin + coordinate.order - 1
+        if coordinate.order == 2:
+            slopes[..., begin, top] = 1.0
+        slopes[..., top, :] = np.moveaxis(mean[..., c, :, :], -2, -1)
+        for k, relaxation in enumerate(coordinate.relaxed, top + 1):
+            slopes[..., k, begin], slopes[..., k, k] = 1 / relaxation, -1 / relaxation
+        end = top + 1 + len(coordinate.relaxed)
+        sign[begin:end] = -1.0 if symmetric and coordinate.parity == "odd" else 1.0
+        begin = end
+    step = (np.pi if symmetric else 2 * np.pi) / np.asarray(omega) / mean.shape[-1]
+    slopes *= step[..., None, None, None]
+    # Disturbances of what is not a motion may grow beyond all numbers: it is not stable, and nobody need be warned.
+    with np.errstate(over="ignore", invalid="ignore"):
+        square, one = slopes @ slopes, np.eye(total)
+        even, odd = square @ square + 180 * square + 1680 * one, slopes @ (20 * square + 840 * one)
+        maps = np.linalg.solve(even - odd, even + odd)
+        whole = maps[..., 0, :, :]
+        for i in range(1, mean.shape[-1]):
+            whole = maps[..., i, :, :] @ whole
+    return np.asarray(sign[:, None] * whole)
 
 
 def largest_multiplier(maps: NDArray[np.float64], equations: Equations) -> NDArray[np.float64]:
@@ -303,20 +231,6 @@ def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> 
     return jax.vmap(one)(x, lane)
 
 
-@program(static=("equations", "size"), options=QUICK_COMPILE)
-def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    def one(x: jax.Array, lane: Lane) -> jax.Array:
-        mean = means_of(balance(x, lane, equations, size).local, equations)
-        return half_map(mean, x[-1] * lane.omega, equations)
-
-    return (jax.vmap(one)(x, lane),)
-
-
-@program(static=("equations",), options=QUICK_COMPILE)
-def _maps_there(mean: jax.Array, omega: jax.Array, *, equations: Equations) -> jax.Array:
-    return jax.vmap(lambda mean, omega: half_map(mean, omega, equations))(mean, omega)
-
-
 def in_blocks(
     compiled: Any, x: Any, lane: Lane, equations: Equations, size: Size, width: int = BLOCK
 ) -> tuple[Array, ...]:
@@ -342,19 +256,15 @@ def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluati
     if not len(x):
         m = x.shape[1] - 1
         return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)))
-
-    def compiled(x: Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-        left, slope, _ = _balances(x, lane, equations=equations, size=size)
-        return left, slope
-
-    return Evaluation(*in_blocks(compiled, x, lane, equations, size))
+    return Evaluation(*in_blocks(_balances, x, lane, equations, size)[:2])
 
 
 def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
     """Return the map of disturbances (k, s, s) of k motions x (k, m + 1); lane: with a leading axis k."""
     if not len(x):
         return np.zeros((0, size_of(equations), size_of(equations)))
-    return in_blocks(_maps, x, lane, equations, size)[0]
+    mean = in_blocks(_balances, x, lane, equations, size)[2]
+    return half_map(mean, x[:, -1] * np.asarray(lane.omega), equations)
 
 
 def _corrected(
@@ -369,7 +279,7 @@ def _corrected(
         left, slope, mean = _balances(given[0], lane, equations=equations, size=size)
         matrix = np.concatenate([np.asarray(slope), given[1][:, None, :]], axis=1)
         change = solved(matrix, np.concatenate([-np.asarray(left), np.zeros((len(left), 1))], axis=1))
-        return change, *([_maps_there(mean, given[0][:, -1] * lane.omega, equations=equations)] if mapped else [])
+        return change, *([half_map(np.asarray(mean), given[0][:, -1] * lane.omega, equations)] if mapped else [])
 
     return in_blocks(compiled, (x, normals), lane, equations, size)
 

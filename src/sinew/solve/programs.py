@@ -1,31 +1,15 @@
-"""JAX's settings, and its programs kept from run to run: as they are traced, and compiled.
-
-To trace a program, which is to follow our functions operation by operation, takes JAX up to some seconds, in every
-process; to compile it, more. JAX keeps what it has compiled, and is asked for that by the traced program. Those of
-`program` are kept as JAX exports them, and read back in some milliseconds.
-"""
+"""JAX as Sinew uses it: double precision, its device, its threads, and its own cache of compiled programs."""
 
 import contextlib
-import ctypes
-import hashlib
-import inspect
-import io
 import os
-import pickle
-from base64 import b64decode, b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, wraps
-from threading import RLock
+from pathlib import Path
 from typing import Any
 
 import jax
-import jaxlib
-import numpy as np
-import scipy
-from jax import export
 
 from sinew.measure.errors import SpecError
-from sinew.measure.kept import cache_folder, keep, key_of, recall
 from sinew.measure.tasks import DEVICE, cores
 
 _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
@@ -33,8 +17,12 @@ _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
 
 _TURN_BYTES = 5_000_000  # of ours up to 1 000 000: a step of the twin in a batch of 64 lanes
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
-_KEPT_BYTES = 64 << 20
+
+def cache_folder() -> Path:
+    """Return the folder of compiled programs: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else ~/.cache/sinew."""
+    if chosen := os.environ.get("SINEW_CACHE"):
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sinew"
 
 
 def use_all_cores() -> None:
@@ -57,18 +45,6 @@ def configure() -> None:
     wanted = os.environ.get(DEVICE) or "cpu"
     if (begun := _begun()) != wanted:
         raise SpecError(f"this process computes on the {begun} already; begin a new one for the {wanted}")
-
-
-def _keep_memory() -> None:
-    """Have glibc keep what is freed, up to 64 MB; another library of C stays as it is.
-
-    Every call of a compiled program asks for some megabytes and frees them. Left to itself glibc gives them back to the
-    system, which clears every page of them anew: a seventh of the time of 13 predicted curves.
-    """
-    with contextlib.suppress(OSError, AttributeError, TypeError):
-        libc = ctypes.CDLL(None)
-        libc.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
-        libc.mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)
 
 
 @cache
@@ -94,7 +70,6 @@ def _begun() -> str:
     if _WHOLE_LOOP not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={_WHOLE_LOOP}={_TURN_BYTES}".strip()
     os.environ.setdefault("NPROC", "1")
-    _keep_memory()
     settings: dict[str, object] = {"jax_enable_x64": True, "jax_cpu_enable_async_dispatch": False}
     if "JAX_LOGGING_LEVEL" not in os.environ:
         settings["jax_logging_level"] = "CRITICAL"
@@ -117,140 +92,22 @@ def _begun() -> str:
     return device
 
 
-_KIND, _MOST = "programs", 512
-
-_PLAIN = {np.ndarray, np.float64, np.int64}
-_making = RLock()
-"""Held while a program is traced, which may call others."""
-
-_ready: dict[Any, Callable[..., Any] | None] = {}
-"""Of this process: by function, arguments that are static, and shapes; None for what is not kept."""
-
-
-def forget() -> None:
-    """Have this process read or trace every program anew."""
-    _ready.clear()
-
-
 def program(
     *, static: Sequence[str] = (), options: dict[str, Any] | None = None
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return what makes a function a compiled program, as `jax.jit` does, whose trace is kept from run to run.
+    """Return a decorator that compiles a function by `jax.jit`, in the settings of `configure`.
 
-    static: names of arguments that the program is compiled for. options: of the compiler. The function takes all
-    else as arguments, arrays in trees: what it enclosed, no key would know of. Plain numbers are float64 and int64 to
-    it, not of JAX's weak types. What is kept holds for the source of Sinew and the versions of JAX as they are; a
-    program of other people's classes or functions, whose source nobody watches, is traced in every process, and so is
-    one that cannot be exported.
-    Raises TypeError for a function that encloses something.
+    static: names of the arguments that the program is compiled for. options: of the compiler.
     """
 
     def of(function: Callable[..., Any]) -> Callable[..., Any]:
-        if function.__closure__:
-            raise TypeError(f"found a program that encloses something, {function.__qualname__}; hand it in")
-        traced = jax.jit(function, static_argnames=tuple(static), compiler_options=options)
-        names = tuple(inspect.signature(function).parameters)
+        compiled = jax.jit(function, static_argnames=tuple(static), compiler_options=options)
 
         @wraps(function)
         def run(*args: Any, **kwargs: Any) -> Any:
-            given = dict(zip(names, args, strict=False)) | kwargs
-            if len(given) != len(args) + len(kwargs):
-                return traced(*args, **kwargs)  # raises what such a call raises
-            chosen = {name: given.pop(name) for name in static if name in given}
-            leaves, tree = jax.tree.flatten(given)
-            if not {type(leaf) for leaf in leaves} <= _PLAIN:
-                if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-                    return traced(*args, **kwargs)
-                leaves = [leaf if hasattr(leaf, "dtype") else np.asarray(leaf) for leaf in leaves]
-            key = (function, tree, *chosen.items(), *[(leaf.shape, leaf.dtype.char) for leaf in leaves])
-            if key not in _ready:
-                with _making:
-                    if key not in _ready:
-                        _ready[key] = _kept(function, chosen, leaves, tree, options)
-            do = _ready[key]
-            return traced(*args, **kwargs) if do is None else do(leaves)
+            configure()
+            return compiled(*args, **kwargs)
 
         return run
 
     return of
-
-
-def _kept(
-    function: Callable[..., Any],
-    chosen: Mapping[str, Any],
-    leaves: Sequence[Any],
-    tree: Any,
-    options: dict[str, Any] | None,
-) -> Callable[[Sequence[Any]], Any] | None:
-    """Return the program for arguments of these shapes, from leaves to result; None where it cannot be kept."""
-    configure()
-    if not function.__module__.startswith("sinew."):
-        return None
-    kinds = [[list(leaf.shape), str(leaf.dtype)] for leaf in leaves]
-    try:
-        asked = hashlib.sha256(_bytes((chosen, jax.tree.unflatten(tree, range(len(leaves)))))).hexdigest()
-        key = key_of(f"{function.__module__}.{function.__qualname__}", asked, kinds, _surroundings())
-        exported, result = _recalled(key) or _traced(key, function, chosen, leaves, tree)
-    except (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError):
-        return None  # an error of the function itself comes again where it is called
-
-    def call(*leaves: Any) -> Any:
-        return exported.call(*leaves)  # type: ignore[no-untyped-call]
-
-    call.__name__ = function.__name__  # as JAX tells of it
-    compiled = jax.jit(call, compiler_options=options)
-    return lambda leaves: jax.tree.unflatten(result, compiled(*leaves))
-
-
-def _recalled(key: str) -> tuple[export.Exported, Any] | None:
-    """Return what was kept, and the tree of its results; None where there is nothing that can be read."""
-    with contextlib.suppress(Exception):  # whatever a damaged file does to those who read it
-        *parts, digest = recall(_KIND, key)
-        program, result = map(b64decode, parts)
-        if digest != hashlib.sha256(program + result).hexdigest():
-            return None
-        return export.deserialize(bytearray(program)), jax.tree.structure(pickle.loads(result))
-    return None
-
-
-def _traced(
-    key: str, function: Callable[..., Any], chosen: Mapping[str, Any], leaves: Sequence[Any], tree: Any
-) -> tuple[export.Exported, Any]:
-    """Return the same of a function that is traced now, and keep it. Raises what `_kept` takes as a refusal."""
-    results: list[Any] = []
-
-    def flat(*leaves: Any) -> list[Any]:
-        parts, result = jax.tree.flatten(function(**jax.tree.unflatten(tree, leaves), **chosen))
-        results.append(result)
-        return parts
-
-    flat.__name__ = function.__name__
-    exported = export.export(jax.jit(flat))(*(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves))  # type: ignore[no-untyped-call]
-    result = results[-1]
-    parts = bytes(exported.serialize()), _bytes(jax.tree.unflatten(result, range(result.num_leaves)))
-    digest = hashlib.sha256(b"".join(parts)).hexdigest()
-    keep(_KIND, key, [*(b64encode(part).decode() for part in parts), digest], most=_MOST)
-    return exported, result
-
-
-@cache
-def _surroundings() -> list[str]:
-    """Return what a kept program depends on beside the source of Sinew, which a key has already."""
-    versions = [one.__version__ for one in (jax, jaxlib, np, scipy)]
-    return [*versions, jax.default_backend(), str(jax.config.jax_enable_x64)]  # type: ignore[attr-defined]
-
-
-def _bytes(thing: Any) -> bytes:
-    """Return a thing as bytes. Raises PicklingError where it is made of classes or functions of other people."""
-    written = io.BytesIO()
-    _OursAlone(written).dump(thing)
-    return written.getvalue()
-
-
-class _OursAlone(pickle.Pickler):
-    def reducer_override(self, thing: Any) -> Any:
-        if isinstance(thing, type) or callable(thing):
-            where = str(getattr(thing, "__module__", "")).partition(".")[0]
-            if where not in ("sinew", "numpy", "builtins", "jax", "jaxlib"):
-                raise pickle.PicklingError(f"found {thing!r} of {where or 'nowhere'}")
-        return NotImplemented

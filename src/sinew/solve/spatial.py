@@ -22,9 +22,7 @@ FASTEST_OMEGA = 1200.0
 
 _LARGEST_MOVE = 0.2  # of a coordinate in one step of Newton's method [rad, strain]
 _MOST_STEPS = 200
-_MOST_BENDS = 60
 _TOLERANCE = 1e-11  # of forces, over the silicone's own stiffness against each coordinate
-_TILT_TOLERANCE = 1e-9  # [rad]
 
 
 class Around(NamedTuple):
@@ -171,11 +169,30 @@ def _rest(q: Array, here: Around, space: Space, first_ends: Array, reached: bool
 
 
 def first_contact(space: Space, tension: float) -> tuple[Array, Array]:
-    """Return (coordinates at rest, cable ends (tendon,) [m]) where every tendon is pulled with a current to a tension
-    [N], from which take-ups are counted."""
-    pulled = in_mode(space, CURRENT)._replace(held_tension=np.full(np.shape(space.held_tension), tension))
-    q, here = settle(np.asarray(straight()), pulled)
+    """Return (coordinates, cable ends (tendon,) [m]) where every tendon is pulled with a current to a tension [N], from
+    which take-ups are counted. A head that falls over under these tensions is held upright, see `stays_upright`."""
+    pulled = _pulled(space, tension)
+    upright = _held_upright(pulled)
+    q, here = settle(np.asarray(straight()), pulled) if upright is None else (upright.q, upright.at)
     return q, here.spans - tension / float(space.rod.joint.stiffness)
+
+
+def stays_upright(space: Space, tension: float) -> bool:
+    """Return whether the joint carries its head while every tendon pulls with a tension [N]. Motors that hold a tension
+    give way to a tilt, so that the silicone alone resists it; motors that hold positions resist it too."""
+    return _held_upright(_pulled(space, tension)) is None
+
+
+def _pulled(space: Space, tension: float) -> Space:
+    return in_mode(space, CURRENT)._replace(held_tension=np.full(np.shape(space.held_tension), tension))
+
+
+def _held_upright(pulled: Space) -> "Steered | None":
+    """Return the pose at the tilt that tensions alone give, where the weight of the head would make it fall over from
+    there; None where it does not."""
+    q, bare = settle(np.asarray(straight()), pulled._replace(weight=np.zeros(3)))  # type: ignore[arg-type]
+    held = steer(pulled, bare.tilt, q, np.zeros(2))
+    return held if held is not None and softest_of(held.at, pulled) <= 0 else None
 
 
 def in_mode(space: Space, mode: float) -> Space:
@@ -205,34 +222,20 @@ def bend(space: Space, contact: float, pretension: float, tilt: Array, start: Re
 
     contact: tension of every tendon at first contact [N]. pretension: mean take-up from there [m]. tilt: of the head,
     rotation vector about y and z of B (2,) [rad]. The tendons are taken up alike and by two patterns across, the
-    cosine and the sine of their direction; how much is found by Newton's method, the joint settling at each step,
-    from first contact or from a rest pose nearby (start). Where the tilt cannot be reached the rest is not `found`;
+    cosine and the sine of their direction. The pose is followed, stable or not, from a rest pose nearby (start), else
+    from the straight one. Where the tilt cannot be reached, or the joint does not stay, the rest is not `found`;
     whether tendons are taut is the caller's to ask.
     """
-    q, ends = first_contact(space, contact)
-    pattern, held = patterns(space), in_mode(space, POSITION)
-    across: Array = np.zeros(2)
-    best = np.inf
-    if start is not None:
-        q, across = start.q, np.asarray(np.linalg.lstsq(pattern.T, start.take_up, rcond=None)[0][1:], dtype=np.float64)
-    last = (q, across)
-    limit = 0.25 * float(space.rod.joint.head_radius)
-    for _ in range(_MOST_BENDS):
-        there = held._replace(cable_end=ends - pretension - across @ pattern[1:])
-        q, here = settle(q, there)
-        lacking = here.tilt - tilt
-        off = float(np.max(np.abs(lacking)))
-        if off < _TILT_TOLERANCE:
-            break
-        if off > best:  # a step that led away is halved
-            q, across = last[0], 0.5 * (across + last[1])
-            best = np.inf if np.max(np.abs(across - last[1])) < 1e-9 else best
-            continue
-        best, last = off, (q, across)
-        by_across = here.by_tilt @ np.linalg.solve(here.stiffness, here.by_end @ pattern[1:].T)
-        move = -np.linalg.lstsq(by_across, lacking, rcond=1e-8)[0]
-        across = across + move * min(1.0, limit / max(float(np.max(np.abs(move))), 1e-30))
-    return there, _rest(q, here, there, ends, off < 1e-6)
+    there, straight = rest(space, contact, np.full(np.shape(space.cable_end), pretension))
+    ends = straight.take_up + np.asarray(there.cable_end)
+    bent, pose = there, straight._replace(reached=False)
+    for begin in (start, straight):
+        if begin is not None and not pose.found:
+            across = np.asarray(np.linalg.lstsq(patterns(space).T, begin.take_up, rcond=None)[0][1:])
+            if (found := _followed(there, tilt, begin, across)) is not None:
+                bent = set_across(there, found.across)
+                pose = rest_at(bent, found.q, ends)
+    return bent, pose
 
 
 class Steered(NamedTuple):
@@ -283,6 +286,16 @@ def steer(
     return None
 
 
+def _followed(space: Space, tilt: Array, begin: Rest, across: Array) -> Steered | None:
+    """Return the pose of `steer`, followed in steps of 2° from one nearby (begin, across); None where none leads on."""
+    found: Steered | None = Steered(begin.q, across, begin.at, np.zeros(0))
+    count = max(1, int(np.ceil(np.hypot(*(tilt - begin.at.tilt)) / np.radians(2.0))))
+    for i in range(1, count + 1):
+        if found is not None:
+            found = steer(space, begin.at.tilt + (tilt - begin.at.tilt) * i / count, found.q, found.across)
+    return found
+
+
 def rest_at(space: Space, q: Array, first_ends: Array) -> Rest:
     """Return the rest pose at coordinates where the joint rests, with the motors as they are set.
 
@@ -317,15 +330,11 @@ def bend_by_tension(space: Space, contact: float, pretension: float, tilt: Array
     held = in_mode(space, CURRENT)._replace(
         held_tension=np.full(np.shape(space.cable_end), straight_one.at.tension.mean())
     )
-    q, across = straight_one.q, np.zeros(2)
-    count = max(1, int(np.ceil(np.hypot(*tilt) / np.radians(2.0))))
-    for i in range(count + 1):
-        found = steer(held, tilt * i / count, q, across)
-        if found is None:
-            return held, None
-        q, across = found.q, found.across
-    there = set_across(held, across)
-    return there, rest_at(there, q, first_contact(space, contact)[1])
+    found = _followed(held, tilt, straight_one, np.zeros(2))
+    if found is None:
+        return held, None
+    there = set_across(held, found.across)
+    return there, rest_at(there, found.q, first_contact(space, contact)[1])
 
 
 def hold(space: Space, pose: Rest, mode: float, limit: float) -> Space:

@@ -8,13 +8,14 @@ the sizes by the implicit function theorem. All forces are those of the twin. Wh
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.measure.result import Detail, Field, Result
 from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.rod import column_load
@@ -40,7 +41,7 @@ from sinew.predict.joints.validity import (
     largest_strain,
     twisting_stretch,
 )
-from sinew.solve.first import held_at, peak_tension, swing_loss, swing_stiffness
+from sinew.solve.rest import held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 
 # It is worked out what the drive has to do for a steady swing: torque, duty, current, energy a cycle.
@@ -209,32 +210,40 @@ SHAPES = {
 _FASTEST_HZ = 100.0
 
 
-@dataclass(frozen=True)
-class DesignTarget:
+@dataclass(frozen=True, repr=False)
+class DesignTarget(Result):
     """What a joint has to do and may not exceed.
 
-    band_hz: lowest and highest stride frequency [Hz], at which it has to resonate. yaw_deg: amplitude of the torsion
-    there. inertia: of what sits on it, about its axis, without the lever that drives it [kg m²].
-    diameter, length: of the largest envelope [m]; guides stand out by `GUIDE` beyond their circle.
-    lever_share: largest inertia of the lever as a share of `inertia`. least_damping: smallest D [1] at both ends: a
-    stride that comes 2 D beside the last one still lies within the half-power width. wander: share of its frequency
-    that the rig's repeatability of pretension may move the resonance by. torso: mass and place of what sits on it;
-    None leaves its weight out.
+    stride_band_hz: lowest and highest stride frequency, at which it has to resonate. yaw_deg: amplitude of the torsion
+    there. inertia_kg_m2: of what sits on it, about its axis, without the lever that drives it. envelope_mm: largest
+    diameter and length; guides stand out by `GUIDE` beyond their circle. torso_kg, torso_centre_mm: mass of what sits
+    on it, and the height of its centre above the head plate, else 250; without a mass its weight is left out.
+    lever_share: largest inertia of the lever as a share of `inertia_kg_m2`. least_damping: smallest D [1] at both ends:
+    a stride that comes 2 D beside the last one still lies within the half-power width. wander: share of its frequency
+    that the rig's repeatability of pretension may move the resonance by.
     Raises SpecError where a number cannot be meant.
     """
 
-    band_hz: tuple[float, float]
-    yaw_deg: float
-    inertia: float
-    diameter: float = 0.20
-    length: float = 0.25
+    stride_band_hz: Annotated[tuple[float, float], Field("", "detail")]
+    yaw_deg: Annotated[float, Field("", "detail")]
+    inertia_kg_m2: Annotated[float, Field("", "detail")]
+    envelope_mm: Annotated[tuple[float, float], Field("", "detail")] = (200.0, 250.0)
+    torso_kg: Detail = None
+    torso_centre_mm: Detail = None
     lever_share: float = 0.15
     least_damping: float = 0.01
     wander: float = 0.01
-    torso: Torso | None = None
+
+    @property
+    def torso(self) -> Torso | None:
+        """Return what sits on it; None where its weight is left out."""
+        if self.torso_kg is None:
+            return None
+        centre_mm = 250.0 if self.torso_centre_mm is None else self.torso_centre_mm
+        return Torso(self.torso_kg, 1e-3 * centre_mm)
 
     def __post_init__(self) -> None:
-        low, high = self.band_hz
+        low, high = self.stride_band_hz
         if not 0 < low < high <= _FASTEST_HZ:
             raise SpecError(
                 f"found a stride band of {low:g} to {high:g} Hz, expected 0 < lowest < highest, as 0.7:1.1, up to "
@@ -242,12 +251,13 @@ class DesignTarget:
             )
         if not 0 < self.yaw_deg <= 45:
             raise SpecError(f"found a yaw of {self.yaw_deg:g}°, expected an amplitude above 0 and up to 45°")
-        if not 1e-4 <= self.inertia <= 10:
-            raise SpecError(f"found an inertia of {self.inertia:g} kg m², expected 0.0001 to 10")
-        if not (0.03 <= self.diameter <= 1 and 0.03 <= self.length <= 2):
+        if not 1e-4 <= self.inertia_kg_m2 <= 10:
+            raise SpecError(f"found an inertia of {self.inertia_kg_m2:g} kg m², expected 0.0001 to 10")
+        diameter, length = self.envelope_mm
+        if not (30 <= diameter <= 1000 and 30 <= length <= 2000):
             raise SpecError(
-                f"found an envelope of {1e3 * self.diameter:g} by {1e3 * self.length:g} mm, expected a diameter of 30 "
-                "to 1000 mm and a length of 30 to 2000 mm"
+                f"found an envelope of {diameter:g} by {length:g} mm, expected a diameter of 30 to 1000 mm and a "
+                "length of 30 to 2000 mm"
             )
         if self.torso is not None and not (0 < self.torso.mass <= 500 and 0 <= self.torso.centre <= 3):
             raise SpecError(
@@ -325,7 +335,6 @@ class Frame(NamedTuple):
     supply: jax.Array
     low: jax.Array
     high: jax.Array
-    diameter: jax.Array
     damping: jax.Array
     wander: jax.Array
     tension: jax.Array
@@ -361,21 +370,21 @@ def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
     """Return the frame of a search for one shape, from a base rig whose motors, guides and loss factor are kept."""
     tendons, limits, shape = rig.tendons, rig.limits, SHAPES[name]
     pull = tendons.tension(limits.tendon_current_a)
-    most_lever = target.lever_share * target.inertia
+    most_lever = target.lever_share * target.inertia_kg_m2
+    band, (diameter, length) = target.stride_band_hz, (1e-3 * one for one in target.envelope_mm)
     low = (0.015, shape.ratio[0], 0.03, 0.015, min(rig.inertia.lever.value, 0.5 * most_lever))
-    high = (target.diameter, shape.ratio[1], target.length, 0.5 * target.diameter - GUIDE, most_lever)
+    high = (diameter, shape.ratio[1], length, 0.5 * diameter - GUIDE, most_lever)
     values = {
         "amplitude": jnp.radians(target.yaw_deg),
-        "omega": 2 * jnp.pi * jnp.asarray(target.band_hz),
-        "inertia": target.inertia,
+        "omega": 2 * jnp.pi * jnp.asarray(band),
+        "inertia": target.inertia_kg_m2,
         "contact": tendons.count * tendons.first_contact_tension.value,
         "beyond": tendons.free_span.value - rig.silicone.length.value,
         "supply": rig.drive.supply_voltage.value,
         "low": low,
         "high": high,
-        "diameter": target.diameter,
         "damping": target.least_damping,
-        "wander": rig.repeatability.pretension.value * (target.band_hz[1] / target.band_hz[0] - 1) / target.wander,
+        "wander": rig.repeatability.pretension.value * (band[1] / band[0] - 1) / target.wander,
         "tension": tendons.count * _RESERVE * min(limits.tension_n, pull),
         "tendons": tendons.count,
         "travel": 1e-3 * limits.tendon_travel_mm[1] - _TRAVEL_LEFT,

@@ -2,10 +2,10 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from sinew.analysis.analysed import analyse_recording
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate, finite, number
+from sinew.measure.estimate import Estimate
+from sinew.measure.result import Field, Result, Rows
 from sinew.measure.tasks import HERE, Spread, run_tasks
-from sinew.measure.told import Table, Told
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, moment_across, section_of, shear_modulus_of
+from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
-from sinew.predict.joints.validity import Check, Torso, check_joint, loads_of
+from sinew.predict.joints.validity import Check, check_joint, loads_of
 from sinew.solve.programs import configure, program
 from sinew.tune.candidate import (
     GUIDE,
@@ -68,51 +68,90 @@ class Draft(NamedTuple):
     lever: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """A joint that could be built. ends: its resonance at the lower and the upper end of the band, with the yaw; loads:
-    of the drive there. damping_ratio: D there, from the lever's amplitude at resonance.
+@dataclass(frozen=True, repr=False)
+class ProposalEnd(Result):
+    """A proposal at one end of the band, where the torsion has the wanted amplitude: resonance and load of the drive.
 
-    energy: electrical, of the drive in a cycle, mean of both ends [J]. volume: of the cylinder around joint and guides
-    [m³]; diameter, length: of it [m]. tension: of a tendon at the upper end [N]. holding_a: current of a tendon motor
-    there, if its gear held nothing [A]. checks: of the prediction. faults: sentences on limits that are broken; a
-    proposal without is feasible.
+    command_deg, lever_deg: amplitudes. damping_ratio: D, from the lever's amplitude. rest_tension_n, tension_n: of a
+    tendon at rest, and the largest. torque_n_m, speed_rad_s, duty, current_a: of the drive, largest; work_j, energy_j:
+    mechanical and electrical, in a cycle.
     """
 
+    wanted_hz: Annotated[float, Field("stride")]
+    frequency_hz: Annotated[float, Field("", "detail")]
+    pretension_mm: Annotated[float, Field("pretension")]
+    command_deg: Annotated[float, Field("command")]
+    lever_deg: Annotated[float, Field("", "detail")]
+    torsion_deg: Annotated[float, Field("yaw")]
+    damping_ratio: Annotated[float, Field("D")]
+    rest_tension_n: Annotated[float, Field("", "detail")]
+    tension_n: Annotated[float, Field("tension")]
+    torque_n_m: Annotated[float, Field("", "detail")]
+    speed_rad_s: Annotated[float, Field("", "detail")]
+    duty: Annotated[float, Field("", "detail")]
+    current_a: Annotated[float, Field("drive's current")]
+    work_j: Annotated[float, Field("", "detail")]
+    energy_j: Annotated[float, Field("", "detail")]
+
+
+@dataclass(frozen=True, repr=False)
+class Confirmed(Result):
+    """One end of the band on the full twin. predicted_hz, measured_hz: 90° of lag behind the measured lever, at the
+    plan's command; peak_hz: of the measured gain. yaw_deg: half of peak to peak at that peak. error: share by which
+    measured is off."""
+
+    pretension_mm: Annotated[float, Field("pretension")]
+    predicted_hz: Annotated[float, Field("predicted")]
+    measured_hz: Annotated[Estimate, Field("on the twin")]
+    peak_hz: Annotated[Estimate, Field("peak")]
+    yaw_deg: Annotated[float, Field("yaw")]
+    error: Annotated[float, Field("off by", unit="%")]
+
+
+@dataclass(frozen=True, repr=False)
+class Proposal(Result):
+    """A joint that could be built, as it was computed exactly.
+
+    faults: sentences on limits that are broken; a feasible one has none. on_front: whether it is feasible and not
+    dominated. energy_j: electrical, of the drive in a cycle, mean of both ends. volume_cm3: of the cylinder around
+    joint and guides; diameter_mm, envelope_length_mm: of it. tension_n: of a tendon at the upper end; holding_a:
+    current of a tendon motor there, if its gear held nothing. pretension_mm: at both ends. confirmed: by the full twin,
+    None of one that is not proposed; error: there, a share. rig: of it.
+    """
+
+    name: Annotated[str, Field("proposal")]
+    shape: Annotated[str, Field("", "detail")]
+    material: Annotated[str, Field("", "detail")]
+    feasible: Annotated[bool, Field("", "detail")]
+    faults: Annotated[tuple[str, ...], Field("", "detail")]
+    pretension_mm: Annotated[tuple[float, float], Field("pretension")]
+    length_mm: Annotated[float, Field("", "detail")]
+    tendon_circle_mm: Annotated[float, Field("circle")]
+    lever_inertia_kg_m2: Annotated[float, Field("lever")]
+    diameter_mm: Annotated[float, Field("diameter")]
+    envelope_length_mm: Annotated[float, Field("length")]
+    volume_cm3: Annotated[float, Field("", "detail")]
+    energy_j: Annotated[float, Field("energy")]
+    tension_n: Annotated[float, Field("tension")]
+    holding_a: Annotated[float, Field("", "detail")]
+    ends: Annotated[Rows[ProposalEnd], Field("both ends of the band")]
+    validity: Annotated[tuple[Mapping[str, str | float | None], ...], Field("", "detail")]
     draft: Draft
     rig: RigSpec
-    ends: tuple[Resonance, Resonance]
-    loads: tuple[DriveLoad, DriveLoad]
-    damping_ratio: tuple[float, float]
-    diameter: float
-    length: float
     checks: tuple[Check, ...]
-    faults: tuple[str, ...]
+    on_front: Annotated[bool, Field("", "detail")] = False
+    confirmed: Annotated[Rows[Confirmed] | None, Field("both ends on the full twin")] = None
+    error: Annotated[tuple[float, ...] | None, Field("off on the twin", unit="%")] = None
+    is_confirmed: Annotated[bool | None, Field("", "detail")] = None
 
-    @property
-    def energy(self) -> float:
-        """Return the drive's electrical energy in a cycle, mean of both ends of the band [J]."""
-        return 0.5 * (self.loads[0].energy + self.loads[1].energy)
-
-    @property
-    def volume(self) -> float:
-        """Return the volume of the cylinder around joint and guides [m³]."""
-        return math.pi / 4 * self.diameter**2 * self.length
-
-    @property
-    def tension(self) -> float:
-        """Return the largest tension of a tendon, at the upper end of the band [N]."""
-        return self.ends[1].tension
-
-    @property
-    def holding_a(self) -> float:
-        """Return the current of a tendon motor at rest at the upper end of the band [A], if its gear held nothing."""
-        return self.rig.tendons.current(self.ends[1].rest_tension)
+    def heading(self) -> str:
+        """Return its name."""
+        return self.name
 
     @property
     def objectives(self) -> tuple[float, float, float]:
         """Return energy, volume and tension, as the search trades them."""
-        return self.energy, self.volume, self.tension
+        return self.energy_j, self.volume_cm3, self.tension_n
 
 
 def propose(draft: Draft) -> Proposal | None:
@@ -130,21 +169,53 @@ def propose(draft: Draft) -> Proposal | None:
     rig = _with_window(rig, ends[1].pretension_mm)
     loads = [drive_load(rig, one.frequency_hz, one.lever, one.torsion) for one in ends]
     pretensions = [one.pretension_mm for one in ends]
-    problem = joint_problem(rig, pretensions, [math.degrees(one.command) for one in ends], target.band_hz)
+    problem = joint_problem(rig, pretensions, [math.degrees(one.command) for one in ends], target.stride_band_hz)
     at_yaw = loads_of(problem, np.array([one.torsion for one in ends]))
     checks = check_joint(rig, pretensions, at_yaw, tilt_held=True, torso=target.torso)
-    inertia = rig.inertia
-    share = inertia.lever.value / (inertia.head.value + inertia.lever.value)
+    faults = _faults(rig, target, ends, loads, checks)
+    diameter = max(rig.silicone.diameter.value, 2 * (rig.tendons.head_radius.value + GUIDE))
     return Proposal(
+        name=rig.name,
+        shape=draft.shape,
+        material=draft.material,
+        feasible=not faults,
+        faults=tuple(faults),
+        pretension_mm=(pretensions[0], pretensions[1]),
+        length_mm=1e3 * rig.silicone.length.value,
+        tendon_circle_mm=1e3 * rig.tendons.head_radius.value,
+        lever_inertia_kg_m2=rig.inertia.lever.value,
+        diameter_mm=1e3 * diameter,
+        envelope_length_mm=1e3 * rig.tendons.free_span.value,
+        volume_cm3=1e6 * (math.pi / 4 * diameter**2 * rig.tendons.free_span.value),
+        energy_j=0.5 * (loads[0].energy + loads[1].energy),
+        tension_n=ends[1].tension,
+        holding_a=rig.tendons.current(ends[1].rest_tension),
+        ends=Rows(map(_end, target.stride_band_hz, ends, loads, [rig, rig])),
+        validity=tuple(check.to_dict() for check in checks),
         draft=draft,
         rig=rig,
-        ends=ends,
-        loads=(loads[0], loads[1]),
-        damping_ratio=tuple(0.5 * share * abs(one.lever) / one.torsion for one in ends),  # type: ignore[arg-type]
-        diameter=max(rig.silicone.diameter.value, 2 * (rig.tendons.head_radius.value + GUIDE)),
-        length=rig.tendons.free_span.value,
         checks=tuple(checks),
-        faults=tuple(_faults(rig, target, ends, loads, checks)),
+    )
+
+
+def _end(wanted_hz: float, one: Resonance, load: DriveLoad, rig: RigSpec) -> ProposalEnd:
+    share = rig.inertia.lever.value / (rig.inertia.head.value + rig.inertia.lever.value)
+    return ProposalEnd(
+        wanted_hz=wanted_hz,
+        frequency_hz=one.frequency_hz,
+        pretension_mm=one.pretension_mm,
+        command_deg=math.degrees(one.command),
+        lever_deg=math.degrees(abs(one.lever)),
+        torsion_deg=math.degrees(one.torsion),
+        damping_ratio=0.5 * share * abs(one.lever) / one.torsion,
+        rest_tension_n=one.rest_tension,
+        tension_n=one.tension,
+        torque_n_m=load.torque,
+        speed_rad_s=load.speed,
+        duty=load.duty,
+        current_a=load.current,
+        work_j=load.work,
+        energy_j=load.energy,
     )
 
 
@@ -154,15 +225,16 @@ def _rig(draft: Draft) -> RigSpec:
     section = SHAPES[draft.shape].section(size, ratio)
     length_mm = round(1e3 * length)
     base = parse_rig(draft.rig)
-    inertia, torso = draft.target.inertia, draft.target.torso
+    torso, space = draft.target.torso, base.space
     design = Design(
         section=section,
         length=1e-3 * length_mm,
         material=load_material(draft.material) if known else None,
         tendon_circle=round(2e3 * circle) / 2e3,
-        head_inertia=inertia,
+        head_inertia=draft.target.inertia_kg_m2,
         lever_inertia=round(lever, 4),
-        head_across=moment_across(inertia, torso.mass, torso.centre) if torso is not None and base.space else None,
+        head_mass=None if torso is None else torso.mass + (space.lever_mass.value if space else 0.0),
+        head_height=torso.centre if torso is not None and space else None,
         name=f"{section.shape}, {length_mm} mm, {draft.material}",
     )
     return design_rig(base, design)
@@ -177,7 +249,7 @@ def _with_window(rig: RigSpec, highest_mm: float) -> RigSpec:
 def _ends(rig: RigSpec, draft: Draft) -> tuple[Resonance, Resonance] | None:
     """Return the resonances at both ends of the band, by secants in pretension and command together; None where one
     is lost."""
-    wanted, yaw = np.asarray(draft.target.band_hz), math.radians(draft.target.yaw_deg)
+    wanted, yaw = np.asarray(draft.target.stride_band_hz), math.radians(draft.target.yaw_deg)
     where = np.maximum(1e3 * np.asarray(draft.pretension), 0.0)
     slope = (wanted[1] - wanted[0]) / max(where[1] - where[0], 1e-3)
     commands = np.degrees(np.asarray(draft.lever)) + _SERVO_DEG
@@ -207,7 +279,7 @@ def _faults(
 ) -> list[str]:
     told = [check.sentence for check in checks if not check.holds]
     swing = Swing(yaw_deg=target.yaw_deg)
-    for one, load, wanted in zip(ends, loads, target.band_hz, strict=True):
+    for one, load, wanted in zip(ends, loads, target.stride_band_hz, strict=True):
         told += [s.sentence for s in stresses_of(rig, one, swing) if s.share > 1 and s.sentence not in told]
         if abs(one.frequency_hz / wanted - 1) > 1e-3:
             told.append(f"it resonates at {one.frequency_hz:.4g} Hz where {wanted:g} Hz is wanted")
@@ -229,15 +301,15 @@ def plan_of(proposal: Proposal) -> Plan:
     left. Raises SpecError where the clusters of frequencies do not make a plan.
     """
     target = proposal.draft.target
-    amplitude = max(math.degrees(one.command) for one in proposal.ends)
-    frequency = sorted({round(end * (1 + off), 4) for end in target.band_hz for off in _AROUND})
+    amplitude = max(one.command_deg for one in proposal.ends)
+    frequency = sorted({round(end * (1 + off), 4) for end in target.stride_band_hz for off in _AROUND})
     if len(frequency) < len(_AROUND):
         raise SpecError("the band's ends are too close for a plan; widen the band")
-    slowest = min(d * 2 * math.pi * f for d, f in zip(proposal.damping_ratio, target.band_hz, strict=True))
+    slowest = min(one.damping_ratio * 2 * math.pi * one.wanted_hz for one in proposal.ends)
     settle = min(_LONGEST_SETTLE, math.ceil(_SETTLED / slowest))
     return Plan(
         name=f"test of {proposal.rig.name}",
-        pretension=Pretension(pretension_mm=tuple(round(one.pretension_mm, 3) for one in proposal.ends)),
+        pretension=Pretension(pretension_mm=tuple(round(mm, 3) for mm in proposal.pretension_mm)),
         sweep=Sweep(
             frequency_hz=tuple(frequency), amplitude_deg=round(amplitude, 2), settle_s=settle, periods=5, repeats=3
         ),
@@ -357,51 +429,35 @@ class Request(NamedTuple):
     seed: int
 
 
-class Confirmed(NamedTuple):
-    """One end of the band. predicted_hz, measured_hz: 90° of lag behind the measured lever, at the plan's command;
-    peak_hz: of the measured gain. yaw_deg: half of peak to peak at that peak. error: share by which measured is off."""
-
-    pretension_mm: float
-    predicted_hz: float
-    measured_hz: Estimate
-    peak_hz: Estimate
-    yaw_deg: float
-    error: float
-
-
-def confirm(request: Request) -> tuple[Confirmed, ...]:
+def confirm(request: Request) -> Rows[Confirmed]:
     """Return what the full twin, with sensors, scatter and noise, says of a proposal at both ends of the band.
 
     Its plan runs with one repeat; the recording is analysed as one of a bench would be.
     """
     configure()
     proposal, seed = request
-    plan = _once(plan_of(proposal))
+    plan = plan_of(proposal)
+    assert plan.sweep is not None
+    plan = plan.model_copy(update={"sweep": plan.sweep.model_copy(update={"repeats": 1})})
     assert plan.sweep is not None
     results = analyse_recording(simulate(plan, proposal.rig, seed=seed), proposal.rig)
     swing = Swing(command_deg=plan.sweep.amplitude_deg)
     pretensions = plan.pretension.pretension_mm
     band = 0.75 * plan.sweep.frequency_hz[0], 1.2 * plan.sweep.frequency_hz[-1]
     predicted = find_resonances(proposal.rig, pretensions, swing, band_hz=band)
-    told = []
+    ends = []
     for i, (mm, one) in enumerate(zip(pretensions, predicted, strict=True)):
         at = results.isel(pretension_mm=i)
         measured, peak = (_estimate(at, name) for name in ("phase_90_hz", "resonance_hz"))
         wanted = math.nan if one is None else one.frequency_hz
         yaw = float(at["gain_peak"]) * plan.sweep.amplitude_deg
-        told.append(Confirmed(mm, wanted, measured, peak, yaw, measured.value / wanted - 1))
-    return tuple(told)
+        ends.append(Confirmed(mm, wanted, measured, peak, yaw, measured.value / wanted - 1))
+    return Rows(ends)
 
 
 def _estimate(at: xr.Dataset, name: str) -> Estimate:
     stem = name.removesuffix("_hz")
     return Estimate(*(float(at[key]) for key in (name, f"{stem}_std_hz", f"{stem}_low_hz", f"{stem}_high_hz")))
-
-
-def _once(plan: Plan) -> Plan:
-    """Return a plan whose sweep is measured once."""
-    assert plan.sweep is not None
-    return plan.model_copy(update={"sweep": plan.sweep.model_copy(update={"repeats": 1})})
 
 
 # Candidates are compared in several objectives: who is dominated, and which few stand for the rest.
@@ -444,24 +500,25 @@ def spread_out(objectives: Array, count: int, begin: Sequence[int] = ()) -> list
 _OTHER_LENGTH = 1.5
 
 
-@dataclass(frozen=True)
-class Effort:
+@dataclass(frozen=True, repr=False)
+class Effort(Result):
     """How much is done. starts: of the search, in each block of a shape and a silicone. exact: candidates that are
     computed by harmonic balance. proposals: at most. seed: of starts and twin."""
 
-    starts: int = 64
-    exact: int = 24
-    proposals: int = 4
-    seed: int = 0
+    starts: Annotated[int, Field("", "detail")] = 64
+    exact: Annotated[int, Field("", "detail")] = 24
+    proposals: Annotated[int, Field("", "detail")] = 4
+    seed: Annotated[int, Field("", "detail")] = 0
 
 
-class Failed(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Failed(Result):
     """A candidate of the search that breaks a limit. limit: the one it breaks most; excess: by what share of it."""
 
-    shape: str
-    material: str
-    limit: str
-    excess: float
+    shape: Annotated[str, Field("shape")]
+    material: Annotated[str, Field("silicone")]
+    limit: Annotated[str, Field("limit")]
+    excess: Annotated[float, Field("exceeded by", unit="%")]
 
 
 def nearest_failures(found: Sequence[Found]) -> tuple[Failed, ...]:
@@ -476,66 +533,27 @@ def nearest_failures(found: Sequence[Found]) -> tuple[Failed, ...]:
 
 
 @dataclass(frozen=True, repr=False)
-class Designed(Told):
-    """What came of it. candidates, feasible: of the search, numbers. failed: of the search, where none is feasible, see
-    `nearest_failures`. evaluated: exactly computed ones that have
-    resonances. front: which of them are feasible and not dominated, (n,). chosen: indices of the proposals among them,
-    confirmed: what the twin says of each. search_s, exact_s, confirm_s: wall time of the parts [s]. base: name of the
-    rig that it began with; target, effort: what was asked for."""
+class Designed(Result):
+    """What came of it. base: name of the rig that it began with; target, effort: what was asked for. assumptions: what
+    is taken for granted of the torso. candidates, feasible: of the search, numbers. failed: of the search, where none
+    is feasible, see `nearest_failures`. evaluated: exactly computed ones that have resonances. proposals: those of them
+    that the twin ran. wall_s: of the parts."""
 
-    candidates: int
-    feasible: int
-    failed: tuple[Failed, ...]
-    evaluated: tuple[Proposal, ...]
-    front: Mask
-    chosen: tuple[int, ...]
-    confirmed: tuple[tuple[Confirmed, ...], ...]
-    search_s: float
-    exact_s: float
-    confirm_s: float
-    base: str
-    target: DesignTarget
-    effort: Effort
+    base: Annotated[str, Field("", "detail")]
+    target: Annotated[DesignTarget, Field("", "detail")]
+    assumptions: Annotated[tuple[str, ...], Field("", "detail")]
+    effort: Annotated[Effort, Field("", "detail")]
+    candidates: Annotated[int, Field("", "detail")]
+    feasible: Annotated[int, Field("", "detail")]
+    failed: Annotated[Rows[Failed], Field("", "detail")]
+    evaluated: Annotated[Rows[Proposal], Field("", "detail")]
+    proposals: Annotated[Rows[Proposal], Field("")]
+    wall_s: Annotated[Mapping[str, float], Field("", "detail")]
+    sentences: Annotated[tuple[str, ...], Field("", "detail")] = ()
 
-    def document(self) -> dict[str, Any]:
-        """Return it as `sinew design --json` prints it."""
-        proposals = [
-            {**_joint(self.evaluated[i], bool(self.front[i])), **_proposal(self.evaluated[i], confirmed)}
-            for i, confirmed in zip(self.chosen, self.confirmed, strict=True)
-        ]
-        return {
-            "base": self.base,
-            "target": {
-                "stride_band_hz": list(self.target.band_hz),
-                "yaw_deg": self.target.yaw_deg,
-                "inertia_kg_m2": self.target.inertia,
-                "envelope_mm": [1e3 * self.target.diameter, 1e3 * self.target.length],
-                "torso_kg": None if self.target.torso is None else self.target.torso.mass,
-                "torso_centre_mm": None if self.target.torso is None else 1e3 * self.target.torso.centre,
-            },
-            "assumptions": assumptions(self.target),
-            "effort": {**self.effort.__dict__},
-            "candidates": self.candidates,
-            "feasible": self.feasible,
-            "failed": [one._asdict() | {"excess": finite(one.excess)} for one in self.failed],
-            "evaluated": [_joint(one, bool(on)) for one, on in zip(self.evaluated, self.front, strict=True)],
-            "proposals": proposals,
-            "sentences": [*_sentences(self, proposals), *assumptions(self.target)],
-            "wall_s": {"search": self.search_s, "exact": self.exact_s, "confirm": self.confirm_s},
-        }
-
-    def told(self) -> list[Table | str]:
-        """Return a row for each proposal, and what to know of the search."""
-        document, rows = self.document(), []
-        for i, one in enumerate(document["proposals"], start=1):
-            twin = ", ".join("-" if end["error"] is None else f"{end['error']:+.1%}" for end in one["confirmed"])
-            pretensions = " to ".join(number(end["pretension_mm"], 3) for end in one["ends"])
-            size = f"{one['diameter_mm']:.0f} x {one['envelope_length_mm']:.0f}"
-            energy, tension = f"{1e3 * one['energy_j']:.0f}", f"{one['tension_n']:.0f}"
-            rows.append((f"{i} {one['name']}", pretensions, size, energy, tension, twin))
-        columns = ("proposal", "pretension/mm", "envelope/mm", "energy/mJ", "tension/N", "twin off by")
-        sentences = [f"- {sentence}" for sentence in document["sentences"]]
-        return [*([Table(columns, rows)] if rows else []), *sentences]
+    def closing(self) -> list[str]:
+        """Return what to know of the search."""
+        return [f"- {sentence}" for sentence in self.sentences]
 
 
 def design(
@@ -569,12 +587,11 @@ def design(
 
     >>> import sinew as sn
     >>> found = sn.design((0.7, 1.1), 7, shapes=["circle"], starts=8, exact=2, proposals=1)  # doctest: +SKIP
-    >>> found.document()["proposals"][0]["is_confirmed"]  # doctest: +SKIP
+    >>> found.proposals[0].is_confirmed  # doctest: +SKIP
     """
     base = rig if isinstance(rig, RigSpec) else load_rig(rig)
-    torso = None if torso_kg is None else Torso(torso_kg, 1e-3 * torso_centre_mm)
-    size = [1e-3 * one for one in envelope_mm]
-    target = DesignTarget((stride_hz[0], stride_hz[1]), yaw_deg, inertia_kg_m2, size[0], size[1], torso=torso)
+    centre_mm = None if torso_kg is None else torso_centre_mm
+    target = DesignTarget(stride_hz, yaw_deg, inertia_kg_m2, envelope_mm, torso_kg, centre_mm)
     effort = Effort(starts, exact, proposals, seed)
     silicones = known_silicones(base, materials)
     return design_joints(base, target, silicones, known_shapes(shapes), effort, spread=spread, progress=progress)
@@ -591,14 +608,9 @@ def known_shapes(wanted: Sequence[str] | None) -> list[str]:
 def known_silicones(base: RigSpec, wanted: Sequence[str] | None) -> dict[str, float]:
     """Return name and shear modulus [Pa] of each silicone that may be used."""
     names = ["base", *list_materials()] if wanted is None else wanted
-    known = {}
-    for name in names:
-        if name == "base":
-            known["base"] = shear_modulus_of(base)
-        else:
-            one = load_material(name)
-            known[one.name] = one.shear_modulus.value
-    return known
+    others = [load_material(name) for name in names if name != "base"]
+    own = {"base": shear_modulus_of(base)} if "base" in names else {}
+    return own | {one.name: one.shear_modulus_pa.value for one in others}
 
 
 def design_joints(
@@ -626,25 +638,29 @@ def design_joints(
     searched = time.perf_counter()
     drafts = drafts_of(found, text, target, effort.exact)
     evaluated = [one for one in run_tasks(propose, drafts, spread, told("evaluate")) if one is not None]
-    front, chosen = select(evaluated, effort.proposals)
+    evaluated, chosen = select(evaluated, effort.proposals)
     computed = time.perf_counter()
-    requests = [Request(evaluated[i], effort.seed) for i in chosen]
-    confirmed = run_tasks(confirm, requests, spread, told("confirm"))
-    return Designed(
-        candidates=sum(len(one.sizes) for one in found),
-        feasible=int(sum(one.feasible.sum() for one in found)),
-        failed=() if drafts else nearest_failures(found),
-        evaluated=tuple(evaluated),
-        front=front,
-        chosen=tuple(chosen),
-        confirmed=tuple(confirmed),
-        search_s=searched - begin,
-        exact_s=computed - searched,
-        confirm_s=time.perf_counter() - computed,
+    confirmed = run_tasks(confirm, [Request(one, effort.seed) for one in chosen], spread, told("confirm"))
+    wall_s = {"search": searched - begin, "exact": computed - searched, "confirm": time.perf_counter() - computed}
+    made = Designed(
         base=rig.name,
         target=target,
+        assumptions=assumptions(target),
         effort=effort,
+        candidates=sum(len(one.sizes) for one in found),
+        feasible=int(sum(one.feasible.sum() for one in found)),
+        failed=Rows(() if drafts else nearest_failures(found)),
+        evaluated=Rows(evaluated),
+        proposals=Rows(map(_confirmed, chosen, confirmed)),
+        wall_s=wall_s,
     )
+    return replace(made, sentences=(*_sentences(made), *made.assumptions))
+
+
+def _confirmed(one: Proposal, confirmed: Rows[Confirmed]) -> Proposal:
+    error = tuple(end.error for end in confirmed)
+    sure = all(abs(share) <= ENOUGH for share in error)
+    return replace(one, confirmed=confirmed, error=error, is_confirmed=sure)
 
 
 def drafts_of(found: Sequence[Found], text: str, target: DesignTarget, count: int) -> list[Draft]:
@@ -666,119 +682,51 @@ def drafts_of(found: Sequence[Found], text: str, target: DesignTarget, count: in
     return drafts
 
 
-def select(evaluated: Sequence[Proposal], count: int) -> tuple[Mask, list[int]]:
-    """Return (which are feasible and not dominated, indices of at most `count` distinct proposals).
+def select(evaluated: Sequence[Proposal], count: int) -> tuple[list[Proposal], list[Proposal]]:
+    """Return (all, those on the front marked; at most `count` distinct ones of them to propose).
 
     Distinct: another shape, another silicone, or a length that differs by half. The front's come first, then others
     that are feasible; in each those that are far apart in the objectives.
     """
-    front = np.zeros(len(evaluated), dtype=bool)
-    fit = [i for i, one in enumerate(evaluated) if not one.faults]
+    every = list(evaluated)
+    fit = [i for i, one in enumerate(every) if one.feasible]
     if not fit:
-        return front, []
-    objectives = np.array([evaluated[i].objectives for i in fit])
-    best = nondominated(objectives)
-    front[np.array(fit)[best]] = True
-    order = [fit[k] for k in np.flatnonzero(best)[spread_out(objectives[best], len(fit))]]
-    order += [fit[k] for k in spread_out(objectives, len(fit)) if fit[k] not in order]
-    chosen: list[int] = []
+        return every, []
+    objectives = np.array([every[i].objectives for i in fit])
+    best = np.flatnonzero(nondominated(objectives))
+    order = [fit[k] for k in best[spread_out(objectives[best], len(fit))]]
     for i in order:
-        if len(chosen) < count and not any(_alike(evaluated[i], evaluated[j]) for j in chosen):
-            chosen.append(i)
-    return front, chosen
+        every[i] = replace(every[i], on_front=True)
+    order += [fit[k] for k in spread_out(objectives, len(fit)) if fit[k] not in order]
+    chosen: list[Proposal] = []
+    for i in order:
+        if len(chosen) < count and not any(_alike(every[i], one) for one in chosen):
+            chosen.append(every[i])
+    return every, chosen
 
 
 def _alike(a: Proposal, b: Proposal) -> bool:
-    lengths = sorted((a.rig.silicone.length.value, b.rig.silicone.length.value))
-    same = (a.draft.shape, a.draft.material) == (b.draft.shape, b.draft.material)
+    lengths = sorted((a.length_mm, b.length_mm))
+    same = (a.shape, a.material) == (b.shape, b.material)
     return same and lengths[1] < _OTHER_LENGTH * lengths[0]
 
 
-# What a search found, as JSON holds it.
-
-
-def _joint(one: Proposal, on_front: bool) -> dict[str, Any]:
-    return {
-        "name": one.rig.name,
-        "shape": one.draft.shape,
-        "material": one.draft.material,
-        "feasible": not one.faults,
-        "faults": list(one.faults),
-        "on_front": on_front,
-        "energy_j": one.energy,
-        "volume_cm3": 1e6 * one.volume,
-        "tension_n": one.tension,
-        "diameter_mm": 1e3 * one.diameter,
-        "envelope_length_mm": 1e3 * one.length,
-    }
-
-
-def _proposal(one: Proposal, confirmed: tuple[Confirmed, ...]) -> dict[str, Any]:
-    rig = one.rig
-    rows = [_confirmed(found) for found in confirmed]
-    return {
-        "section": section_of(rig).shape,
-        "length_mm": 1e3 * rig.silicone.length.value,
-        "tendon_circle_mm": 1e3 * rig.tendons.head_radius.value,
-        "lever_inertia_kg_m2": rig.inertia.lever.value,
-        "holding_a": one.holding_a,
-        "ends": [_end(one, i) for i in range(2)],
-        "validity": [c.to_json() for c in one.checks],
-        "confirmed": rows,
-        "is_confirmed": all(row["error"] is not None and abs(row["error"]) <= ENOUGH for row in rows),
-        "rig": None,
-        "plan": None,
-    }
-
-
-def _end(one: Proposal, i: int) -> dict[str, float]:
-    at, load = one.ends[i], one.loads[i]
-    return {
-        "wanted_hz": one.draft.target.band_hz[i],
-        "frequency_hz": at.frequency_hz,
-        "pretension_mm": at.pretension_mm,
-        "command_deg": math.degrees(at.command),
-        "lever_deg": math.degrees(abs(at.lever)),
-        "torsion_deg": math.degrees(at.torsion),
-        "damping_ratio": one.damping_ratio[i],
-        "rest_tension_n": at.rest_tension,
-        "tension_n": at.tension,
-        "torque_n_m": load.torque,
-        "speed_rad_s": load.speed,
-        "duty": load.duty,
-        "current_a": load.current,
-        "work_j": load.work,
-        "energy_j": load.energy,
-    }
-
-
-def _confirmed(found: Confirmed) -> dict[str, Any]:
-    return {
-        "pretension_mm": found.pretension_mm,
-        "predicted_hz": finite(found.predicted_hz),
-        "measured_hz": found.measured_hz.to_json(),
-        "peak_hz": found.peak_hz.to_json(),
-        "yaw_deg": finite(found.yaw_deg),
-        "error": finite(found.error),
-    }
-
-
-def assumptions(target: DesignTarget) -> list[str]:
+def assumptions(target: DesignTarget) -> tuple[str, ...]:
     """Return what is taken for granted of the torso, a sentence each."""
     if target.torso is None:
-        return [
+        return (
             "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
             "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it. "
-            "The rigs keep the mass and height of the base's head, so their sways are not the torso's"
-        ]
+            "The rigs keep the mass and height of the base's head, so their sways are not the torso's",
+        )
     torso = target.torso
-    return [
+    return (
         f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
-        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
-        f"the head tilts no further than the rig allows; the swing's resonance is that without weight. The rigs "
-        "get its moments of inertia, across the axis as of a cylinder that stands on the plate; they keep the mass and "
-        "height of the base's head, so their sways are not the torso's"
-    ]
+        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight, "
+        "the torso held upright; the head tilts no further than the rig allows; the swing's resonance is that without "
+        "weight. The rigs get its mass, beside the lever's, the height of its centre and its moments of inertia, those "
+        "across the axis as of a cylinder that stands on the plate",
+    )
 
 
 _SHOWN = 6  # candidates without a proposal
@@ -790,7 +738,7 @@ def _why_none(found: Designed) -> list[str]:
     if computed:
         return [
             f"none of the {len(computed)} best that were computed exactly passed; of each, what is exceeded:",
-            *(f"{one.rig.name}: {'; '.join(one.faults)}" for one in computed),
+            *(f"{one.name}: {'; '.join(one.faults)}" for one in computed),
         ]
     shown = found.failed[:_SHOWN]
     if not shown:
@@ -803,18 +751,16 @@ def _why_none(found: Designed) -> list[str]:
     ]
 
 
-def _sentences(found: Designed, proposals: list[dict[str, Any]]) -> list[str]:
+def _sentences(found: Designed) -> list[str]:
     told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
-    fit = sum(not one.faults for one in found.evaluated)
+    fit, front = (sum(getattr(one, name) for one in found.evaluated) for name in ("feasible", "on_front"))
     if found.evaluated:
-        told.append(
-            f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated"
-        )
-    if not proposals:
+        told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {front} undominated")
+    if not found.proposals:
         return [*told, *_why_none(found)]
-    sure = sum(one["is_confirmed"] for one in proposals)
-    told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
-    held = max(one["holding_a"] for one in proposals)
+    sure, many = sum(bool(one.is_confirmed) for one in found.proposals), len(found.proposals)
+    told.append(f"{sure} of {many} proposals resonate on the full twin within 3 % of what was predicted")
+    held = max(one.holding_a for one in found.proposals)
     told.append(
         f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
         "the drive's energy"

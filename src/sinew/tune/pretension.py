@@ -6,10 +6,10 @@ pretension. It holds what is not known of the calibrated parameters and nothing 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate, fixed, number, shown_interval
-from sinew.measure.told import Table, Told
+from sinew.measure.estimate import Estimate, finite, number
+from sinew.measure.result import Detail, Field, Result, Rows, plain
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import glassy_factor
 from sinew.mechanics.tendons import total_tension
@@ -250,8 +250,8 @@ class Stress(NamedTuple):
     sentence: str
 
 
-@dataclass(frozen=True)
-class Reachable:
+@dataclass(frozen=True, repr=False)
+class Reachable(Result):
     """Where a rig can resonate.
 
     resonances: at pretensions across the rig's window, in their order, also where a limit is broken.
@@ -270,41 +270,39 @@ class Reachable:
             [one.pretension_mm for one in self.resonances], [one.frequency_hz for one in self.resonances]
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON holds it, the curve by columns."""
+        found = self.resonances
+        return {
+            "pretension_mm": plain(self.pretension_mm),
+            "frequency_hz": plain(self.frequency_hz),
+            "why": plain(self.why),
+            "curve": {
+                "pretension_mm": [one.pretension_mm for one in found],
+                "frequency_hz": [one.frequency_hz for one in found],
+                "torsion_deg": [math.degrees(one.torsion) for one in found],
+                "command_deg": [math.degrees(one.command) for one in found],
+                "tension_n": [one.tension for one in found],
+            },
+        }
+
 
 def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     """Return how far a rig's limits are used where it resonates: tension, currents, torsion, drive."""
-    limits = rig.limits
     load = drive_load(rig, one.frequency_hz, one.lever, one.torsion)
-    pull = rig.tendons.current(one.tension)
-    command, torsion = math.degrees(one.command), math.degrees(one.torsion)
+    torsion, command = math.degrees(one.torsion), math.degrees(one.command)
     where = f"at {one.pretension_mm:.3g} mm"
-    found = [
-        Stress(
-            "tension_n",
-            one.tension / limits.tension_n,
-            f"{where} a tendon pulls {one.tension:.0f} N, the rig allows {limits.tension_n:g} N",
-        ),
-        Stress(
-            "tendon_current_a",
-            pull / limits.tendon_current_a,
-            f"{where} a tendon motor draws {pull:.2f} A, the rig allows {limits.tendon_current_a:g} A",
-        ),
-        Stress(
-            "torsion_deg",
-            torsion / limits.torsion_deg,
-            f"{where} the head twists by {torsion:.1f}°, the rig allows {limits.torsion_deg:g}°",
-        ),
-        Stress(
-            "drive_amplitude_deg",
-            command / limits.drive_amplitude_deg,
-            f"{where} the drive needs a command of {command:.0f}°, the rig allows {limits.drive_amplitude_deg:g}°",
-        ),
-        Stress(
-            "drive_current_a",
-            load.current / limits.drive_current_a,
-            f"{where} the drive draws {load.current:.2f} A, the rig allows {limits.drive_current_a:g} A",
-        ),
-    ]
+    used = (
+        ("tension_n", one.tension, "a tendon pulls {:.0f} N, the rig allows {:g} N"),
+        ("tendon_current_a", rig.tendons.current(one.tension), "a tendon motor draws {:.2f} A, the rig allows {:g} A"),
+        ("torsion_deg", torsion, "the head twists by {:.1f}°, the rig allows {:g}°"),
+        ("drive_amplitude_deg", command, "the drive needs a command of {:.0f}°, the rig allows {:g}°"),
+        ("drive_current_a", load.current, "the drive draws {:.2f} A, the rig allows {:g} A"),
+    )
+    found = []
+    for name, value, text in used:
+        limit = float(getattr(rig.limits, name))
+        found.append(Stress(name, value / limit, f"{where} {text.format(value, limit)}"))
     if swing.yaw_deg is not None:
         short = swing.yaw_deg / torsion
         sentence = f"{where} the drive twists the head by {torsion:.2f}° at most, {swing.yaw_deg:g}° were asked for"
@@ -366,115 +364,61 @@ _STEPS, _CLOSE = 4, 2e-5
 _ROOM = 0.3
 
 
-@dataclass(frozen=True)
-class Setting:
+@dataclass(frozen=True, repr=False)
+class Setting(Result):
     """The pretension for one wanted frequency.
 
     feasible: whether there is one within the rig's limits; without one the rest is None. pretension_mm, frequency_hz:
     what to set, and where the joint resonates then; their intervals are NaN where nothing is known of the rig's
-    uncertainty. slope_hz_mm: of frequency over pretension. draws: that had a resonance. sentence: in words.
+    uncertainty. slope_hz_mm: of frequency over pretension. peak_hz: where the torsion is largest. torsion, command,
+    lever: amplitudes there. rest_tension_n, tension_n: of a tendon at rest, and the largest. draws: that had a
+    resonance. sentence: in words.
     """
 
-    wanted_hz: float
-    feasible: bool
-    sentence: str
-    pretension_mm: Estimate | None = None
-    frequency_hz: Estimate | None = None
-    slope_hz_mm: float = math.nan
+    wanted_hz: Annotated[float, Field("wanted")]
+    feasible: Annotated[bool, Field("", "detail")]
+    sentence: Annotated[str, Field("", "detail")]
+    pretension_mm: Annotated[Estimate | None, Field("pretension", "interval")] = None
+    frequency_hz: Annotated[Estimate | None, Field("resonance", "interval")] = None
+    slope_hz_mm: Detail = None
+    peak_hz: Detail = None
+    torsion_deg: Annotated[float | None, Field("torsion")] = None
+    command_deg: Annotated[float | None, Field("command")] = None
+    lever_deg: Detail = None
+    rest_tension_n: Detail = None
+    tension_n: Annotated[float | None, Field("tension")] = None
+    draws: Annotated[int | None, Field("", "detail")] = None
     resonance: Resonance | None = None
-    draws: int = 0
 
 
 _MEANT = "where the torsion lags behind the lever by 90°"
 
 
 @dataclass(frozen=True, repr=False)
-class Tuning(Told):
+class Tuning(Result):
     """All settings of a rig, the range they can lie in, and what to know of their intervals.
 
-    rig: its name. swing, mode: that it was tuned for. drawn: count, seed and parameters of the draws, if there were.
+    rig: its name. resonance: what is meant by it. command_deg or yaw_deg, mode: that it was tuned for. draws: count,
+    seed and parameters of the draws, if there were.
     """
 
-    reachable: Reachable
-    settings: tuple[Setting, ...]
-    remarks: tuple[str, ...]
-    rig: str
-    swing: Swing
-    mode: TendonMode
-    drawn: dict[str, Any] | None = None
+    settings: Annotated[Rows[Setting], Field("resonance where the torsion lags behind the lever by 90°")]
+    range: Annotated[Reachable, Field("", "detail")]
+    remarks: Annotated[tuple[str, ...], Field("", "detail")]
+    rig: Annotated[str, Field("", "detail")]
+    command_deg: Annotated[float | None, Field("", "detail")]
+    yaw_deg: Annotated[float | None, Field("", "detail")]
+    mode: Annotated[TendonMode, Field("", "detail")]
+    draws: Annotated[Mapping[str, Any] | None, Field("", "detail")]
+    resonance: Annotated[str, Field("", "detail")] = _MEANT
 
-    def document(self) -> dict[str, Any]:
-        """Return it as `sinew tune --json` prints it."""
-        return {
-            "settings": [_setting_json(one) for one in self.settings],
-            "range": _range_json(self.reachable),
-            "remarks": list(self.remarks),
-            "rig": self.rig,
-            "resonance": _MEANT,
-            "command_deg": self.swing.command_deg,
-            "yaw_deg": self.swing.yaw_deg,
-            "mode": self.mode,
-            "draws": self.drawn,
-        }
-
-    def told(self) -> list[Table | str]:
-        """Return a row for each wanted frequency, the range that can be reached, and what to know of them."""
-        rows = []
-        for one in (document := self.document())["settings"]:
-            if one["feasible"]:
-                cells = (
-                    shown_interval(one["pretension_mm"]),
-                    shown_interval(one["frequency_hz"]),
-                    fixed(one["torsion_deg"], 1),
-                    fixed(one["command_deg"], 1),
-                )
-                rows.append((f"{one['wanted_hz']:g}", *cells, fixed(one["tension_n"], 0)))
-            else:
-                rows.append((f"{one['wanted_hz']:g}", "-", "-", "-", "-", "-"))
-        columns = ("wanted/Hz", "pretension/mm", "resonance/Hz", "torsion/°", "command/°", "tension/N")
-        told: list[Table | str] = [Table(columns, rows, f"{self.rig}: resonance is {_MEANT}")]
-        reached = document["range"]
-        if reached["frequency_hz"] is not None:
-            ends = zip(reached["frequency_hz"], reached["pretension_mm"], strict=True)
-            told.append("range: " + " to ".join(f"{number(hz, unit='Hz')} at {number(mm, 3, 'mm')}" for hz, mm in ends))
-        return [*told, *(f"- {sentence}" for sentence in (*(one.sentence for one in self.settings), *self.remarks))]
-
-
-def _setting_json(one: Setting) -> dict[str, Any]:
-    at = one.resonance
-    if at is None or one.pretension_mm is None or one.frequency_hz is None:
-        return {"wanted_hz": one.wanted_hz, "feasible": False, "sentence": one.sentence}
-    return {
-        "wanted_hz": one.wanted_hz,
-        "feasible": one.feasible,
-        "sentence": one.sentence,
-        "pretension_mm": one.pretension_mm.to_json(),
-        "frequency_hz": one.frequency_hz.to_json(),
-        "slope_hz_mm": one.slope_hz_mm,
-        "peak_hz": at.peak_hz if at.peak_hz == at.peak_hz else None,
-        "torsion_deg": math.degrees(at.torsion),
-        "command_deg": math.degrees(at.command),
-        "lever_deg": math.degrees(abs(at.lever)),
-        "rest_tension_n": at.rest_tension,
-        "tension_n": at.tension,
-        "draws": one.draws,
-    }
-
-
-def _range_json(reachable: Reachable) -> dict[str, Any]:
-    found = reachable.resonances
-    return {
-        "pretension_mm": None if reachable.pretension_mm is None else list(reachable.pretension_mm),
-        "frequency_hz": None if reachable.frequency_hz is None else list(reachable.frequency_hz),
-        "why": list(reachable.why),
-        "curve": {
-            "pretension_mm": [one.pretension_mm for one in found],
-            "frequency_hz": [one.frequency_hz for one in found],
-            "torsion_deg": [math.degrees(one.torsion) for one in found],
-            "command_deg": [math.degrees(one.command) for one in found],
-            "tension_n": [one.tension for one in found],
-        },
-    }
+    def closing(self) -> list[str]:
+        """Return the range that can be reached, and what to know of the settings."""
+        said = [f"- {sentence}" for sentence in (*(one.sentence for one in self.settings), *self.remarks)]
+        if self.range.frequency_hz is None or self.range.pretension_mm is None:
+            return said
+        ends = zip(self.range.frequency_hz, self.range.pretension_mm, strict=True)
+        return ["range: " + " to ".join(f"{number(hz, unit='Hz')} at {number(mm, 3, 'mm')}" for hz, mm in ends), *said]
 
 
 _DRAWS = 100
@@ -513,7 +457,7 @@ def tune(
     wanted = [float(hertz) for hertz in np.atleast_1d(resonance_hz)]
     found = tune_pretension(made, wanted, swing, draws=draws, mode=mode, progress=progress)
     told = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
-    return replace(found, drawn=told, remarks=(*found.remarks, *([remark] if remark else [])))
+    return replace(found, draws=told, remarks=(*found.remarks, *([remark] if remark else [])))
 
 
 def _draws(rig: RigSpec, bands: int | None, seed: int) -> tuple[Draws | None, str]:
@@ -566,21 +510,16 @@ def tune_pretension(
     if draws is not None:
         settings = _with_intervals(rig, settings, draws, mode, progress, follow)
     remarks = () if draws is None else draws.remarks
-    return Tuning(reachable, tuple(settings), remarks, rig.name, swing, mode)
+    return Tuning(Rows(settings), reachable, remarks, rig.name, swing.command_deg, swing.yaw_deg, mode, None)
 
 
 def _guess(reachable: Reachable, hertz: float) -> float | None:
     """Return the lowest pretension [mm] within the limits at which the interpolated curve passes a frequency."""
     if reachable.pretension_mm is None:
         return None
-    curve = reachable.curve()
-    at = np.linspace(*reachable.pretension_mm, 201)
-    off = curve(at) - hertz
-    passed = np.flatnonzero(off[:-1] * off[1:] <= 0)
-    if not passed.size:
-        return None
-    i = int(passed[0])
-    return float(brentq(lambda x: float(curve(x)) - hertz, at[i], at[i + 1]))
+    low, high = reachable.pretension_mm
+    passed = [mm for mm in reachable.curve().solve(hertz, extrapolate=False) if low <= mm <= high]
+    return float(min(passed)) if passed else None
 
 
 def _refined(
@@ -620,7 +559,20 @@ def _setting(rig: RigSpec, hertz: float, one: Resonance, slope: float, swing: Sw
         f"{worst.share:.0%}"
     )
     return Setting(
-        hertz, True, sentence, Estimate(one.pretension_mm, *unknown), Estimate(one.frequency_hz, *unknown), slope, one
+        wanted_hz=hertz,
+        feasible=True,
+        sentence=sentence,
+        pretension_mm=Estimate(one.pretension_mm, *unknown),
+        frequency_hz=Estimate(one.frequency_hz, *unknown),
+        slope_hz_mm=slope,
+        peak_hz=finite(one.peak_hz),
+        torsion_deg=math.degrees(one.torsion),
+        command_deg=math.degrees(one.command),
+        lever_deg=math.degrees(abs(one.lever)),
+        rest_tension_n=one.rest_tension,
+        tension_n=one.tension,
+        draws=0,
+        resonance=one,
     )
 
 
@@ -674,14 +626,11 @@ def _with_intervals(
         setting = settings[i]
         assert setting.pretension_mm is not None
         assert setting.frequency_hz is not None
-        told[i] = Setting(
-            setting.wanted_hz,
-            True,
-            setting.sentence,
-            estimate_of_deviations(setting.pretension_mm.value, -off / setting.slope_hz_mm),
-            estimate_of_deviations(setting.frequency_hz.value, off),
-            setting.slope_hz_mm,
-            setting.resonance,
-            off.size,
+        assert setting.slope_hz_mm is not None
+        told[i] = replace(
+            setting,
+            pretension_mm=estimate_of_deviations(setting.pretension_mm.value, -off / setting.slope_hz_mm),
+            frequency_hz=estimate_of_deviations(setting.frequency_hz.value, off),
+            draws=off.size,
         )
     return told

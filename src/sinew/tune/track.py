@@ -9,13 +9,13 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from sinew.analysis.signal.signals import sensor_budget, torsion_chain
-from sinew.analysis.tracked import ENTER_DEG, LEAVE_DEG, PATIENCE, frequency_on_backbone
+from sinew.analysis.tracked import ENTER_DEG, LEAVE_DEG, PATIENCE
 from sinew.measure import events
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
@@ -33,45 +33,21 @@ FASTEST_MM_S = 1.5
 """Fastest change of the pretension while the joint swings [mm/s]."""
 
 
-class PretensionPath(Protocol):
-    """Where the pretension is to be [mm]."""
+class Ramp:
+    """The pretension goes from one value to another [mm] in a time [s], after a lead [s]; it waits without a lock.
+    Without another value it stays."""
 
-    @property
-    def wanted_hz(self) -> float | None:
-        """Resonance frequency that is asked for [Hz], None where the path asks for none."""
-        ...
+    wanted_hz: None = None
+
+    def __init__(self, first_mm: float, last_mm: float | None = None, duration: float = 0.0, lead: float = 0.0) -> None:
+        self._mm, self._last, self._lead = first_mm, first_mm if last_mm is None else last_mm, lead
+        self._speed = min(abs(self._last - first_mm) / duration, FASTEST_MM_S) if duration > 0 else FASTEST_MM_S
 
     def update(self, time: float, frequency_hz: float | None, step: float) -> float:
         """Return the pretension [mm] at a time since the start [s].
 
         frequency_hz: of the locked resonance, None while it is not. step: time since the last update [s].
         """
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Stand:
-    """The pretension stays [mm]."""
-
-    pretension_mm: float
-    wanted_hz: None = None
-
-    def update(self, time: float, frequency_hz: float | None, step: float) -> float:
-        """Return the pretension [mm]."""
-        return self.pretension_mm
-
-
-class Ramp:
-    """The pretension goes from one value to another [mm] in a time [s], after a lead [s]; it waits without a lock."""
-
-    wanted_hz: None = None
-
-    def __init__(self, first_mm: float, last_mm: float, duration: float, lead: float = 0.0) -> None:
-        self._mm, self._last, self._lead = first_mm, last_mm, lead
-        self._speed = min(abs(last_mm - first_mm) / duration, FASTEST_MM_S) if duration > 0 else FASTEST_MM_S
-
-    def update(self, time: float, frequency_hz: float | None, step: float) -> float:
-        """Return the pretension [mm]."""
         if frequency_hz is not None and time >= self._lead:
             reach = self._speed * step
             self._mm += max(-reach, min(reach, self._last - self._mm))
@@ -106,7 +82,7 @@ class Follow:
         self.wanted_hz: float | None = self._before
 
     def update(self, time: float, frequency_hz: float | None, step: float) -> float:
-        """Return the pretension [mm]."""
+        """Return the pretension [mm], see `Ramp.update`. `wanted_hz` is then the frequency that is asked for."""
         asked = self._wanted(time)
         moved, self._before, self.wanted_hz = asked - self._before, asked, asked
         if frequency_hz is not None:
@@ -159,13 +135,12 @@ class Mode:
 @dataclass(frozen=True, slots=True)
 class LoopGains:
     """proportional: K_p [1/s]. integral: K_i [1/s²]. delay: of the detector and the cycle [s].
-    crossover: angular frequency at which the open loop's gain is one [rad/s]. phase_margin: there [rad]."""
+    crossover: angular frequency at which the open loop's gain is one [rad/s]."""
 
     proportional: float
     integral: float
     delay: float
     crossover: float
-    phase_margin: float
 
 
 def design_loop(mode: Mode, gain_delay: float = _GAIN_DELAY) -> LoopGains:
@@ -187,8 +162,7 @@ def design_loop(mode: Mode, gain_delay: float = _GAIN_DELAY) -> LoopGains:
         return (proportional * s + integral) / (s * (s + mode.decay_rate)) * cmath.exp(-s * delay)
 
     crossover = float(brentq(lambda omega: abs(loop(omega)) - 1.0, 1e-3 * proportional, 1e2 * (1.0 + proportional)))
-    margin = math.remainder(math.pi + cmath.phase(loop(crossover)), math.tau)
-    return LoopGains(proportional, integral, delay, crossover, margin)
+    return LoopGains(proportional, integral, delay, crossover)
 
 
 # The size of the swing is held: by the lever's command, by the lever, or by the torsion.
@@ -327,23 +301,15 @@ class Oscillator:
 # It is decided whether the loop is locked: by the phase error over whole cycles, with hysteresis.
 
 
-@dataclass(frozen=True, slots=True)
-class LockRule:
-    """enter, leave: phase errors [rad] below which, over `cycles` of the drive, a lock begins, and above which, over as
-    many, it ends. patience: cycles without a phase after which it ends as well."""
-
-    enter: float = math.radians(ENTER_DEG)
-    leave: float = math.radians(LEAVE_DEG)
-    cycles: float = 1.0
-    patience: float = PATIENCE
-
-
 class Lock:
     """Follows the phase error. is_locked: whether the loop is. cycles: of the drive until the first lock; NaN before.
-    losses: how often the lock was lost."""
+    losses: how often the lock was lost.
 
-    def __init__(self, rule: LockRule | None = None) -> None:
-        self._rule = rule or LockRule()
+    A lock begins with an error below `ENTER_DEG` over a whole turn of the drive, and ends with one above `LEAVE_DEG`
+    over a whole turn, or after `PATIENCE` turns without a phase.
+    """
+
+    def __init__(self) -> None:
         self.is_locked = False
         self.cycles = math.nan
         self.losses = 0
@@ -352,19 +318,18 @@ class Lock:
 
     def update(self, error: float | None, turns: float) -> bool:
         """Take the phase error [rad], or None where there is none, at so many turns of the drive; return is_locked."""
-        rule = self._rule
         if error is None:
             self._blind = turns if math.isnan(self._blind) else self._blind
-            if turns - self._blind > rule.patience and self.is_locked:
+            if turns - self._blind > PATIENCE and self.is_locked:
                 self._lose()
             return self.is_locked
         self._blind = math.nan
-        passed = abs(error) > rule.leave if self.is_locked else abs(error) < rule.enter
+        passed = abs(error) > math.radians(LEAVE_DEG) if self.is_locked else abs(error) < math.radians(ENTER_DEG)
         if not passed:
             self._since = math.nan
             return self.is_locked
         self._since = turns if math.isnan(self._since) else self._since
-        if turns - self._since < rule.cycles:
+        if turns - self._since < 1.0:
             return self.is_locked
         if self.is_locked:
             self._lose()
@@ -445,7 +410,6 @@ class TrackerSetting:
     held: Held = "command"
     chain: Callable[[float], complex] = field(default=lambda _: 1 + 0j)
     hz_per_mm: float = 0.0
-    rule: LockRule = field(default_factory=LockRule)
 
 
 class Tracker:
@@ -458,7 +422,7 @@ class Tracker:
     sensor is in the phase. Without samples the drive coasts at the frequency, amplitude and pretension it has.
     """
 
-    def __init__(self, setting: TrackerSetting, path: PretensionPath, time: float) -> None:
+    def __init__(self, setting: TrackerSetting, path: Ramp | Follow, time: float) -> None:
         mode = setting.mode
         self._setting, self._path, self._begin, self._now = setting, path, time, time
         gains = design_loop(mode)
@@ -468,7 +432,7 @@ class Tracker:
         self._oscillator = Oscillator(time, self._loop.omega)
         self._swing = SwingControl(setting.held, setting.wanted, setting.most, _RISE_S, mode.decay_rate / 3)
         self._lever, self._rate = Fundamental(), Fundamental()
-        self.lock = Lock(setting.rule)
+        self.lock = Lock()
         self.pretension_mm = path.update(0.0, None, 0.0)
         self.error = self.lever = self.torsion = math.nan
         self.is_coasting = False
@@ -576,10 +540,6 @@ class ExpectedBackbone:
         """Return the amplitude of the torsion [rad] where one of command, lever or torsion is held [rad]."""
         return float(np.interp(amplitude, getattr(self, held), self.torsion))
 
-    def frequency_at(self, torsion: float) -> float:
-        """Return the predicted resonance [Hz] at an amplitude of the torsion [rad]; NaN beyond the curve."""
-        return frequency_on_backbone(self.torsion, self.frequency_hz, torsion)
-
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON holds it, angles in degrees, all to seven digits."""
         curves = {
@@ -670,9 +630,9 @@ def planned_tracker(
 
 def _path(
     group: Group, track: Track, expected: Sequence[ExpectedBackbone], amplitude: float, rate: float
-) -> PretensionPath:
+) -> Ramp | Follow:
     if track.pretension_to_mm is None:
-        return Stand(group.pretension_mm)
+        return Ramp(group.pretension_mm)
     if track.wanted_hz is None:
         return Ramp(group.pretension_mm, track.pretension_to_mm, track.duration_s, track.lead_s)
     first, last = track.wanted_hz

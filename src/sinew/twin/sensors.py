@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtbtrs
+from scipy import signal
 
 from sinew.measure.arrays import Array
 from sinew.mechanics.drive import motor_current
@@ -52,34 +52,15 @@ _BLOCK = 1 << 15
 
 
 def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Generator) -> Array:
-    """Return noise of a standard deviation, coloured by the sensor's own low-pass: Butterworth's, of second order.
-
-    b and a are those of `scipy.signal.butter`, to rounding, and the recursion a y = b x is solved as the system that it
-    is, with two bands below its diagonal, block after block: SciPy's signal processing takes 0.4 s to load in every
-    process, and a system of all samples more memory than the recording.
-    """
+    """Return noise of a standard deviation, coloured by the sensor's own low-pass: Butterworth's, of second order."""
+    white = rng.standard_normal(size)
     corner = imu.low_pass.value
     if corner >= 0.45 * sample_hz:
-        return std * rng.standard_normal(size)
-    turn = np.tan(np.pi * corner / sample_hz)  # of the bilinear transform
-    a = np.array([1 + np.sqrt(2) * turn + turn**2, 2 * (turn**2 - 1), 1 - np.sqrt(2) * turn + turn**2])
-    a, b = a / a[0], turn**2 / a[0] * np.array([1.0, 2.0, 1.0])
-    behind = np.exp(-1j * np.pi * np.arange(512) / 512)
-    gain = np.abs(np.polyval(b[::-1], behind) / np.polyval(a[::-1], behind))
-    room = min(size, _BLOCK)
-    bands = np.tile(a[:, None], room)
-    noise, white, last = np.empty(size), np.zeros(2 + room), np.zeros(2)
-    for begin in range(0, size, _BLOCK):
-        own = noise[begin : begin + room]
-        rng.standard_normal(out=white[2 : 2 + own.size])
-        asked = np.convolve(white, b, "valid")
-        asked[:2] -= a[2] * last[: asked.size]
-        asked[0] -= a[1] * last[1]
-        passed, _ = dtbtrs(bands, asked, uplo="L", diag="U")
-        own[:] = passed[: own.size]
-        white[:2], last = white[-2:], passed[-2:]
-    noise *= std / np.sqrt(np.mean(gain**2))
-    return noise
+        return std * white
+    b, a = signal.butter(2, corner, fs=sample_hz)
+    _, response = signal.freqz(b, a, 512)
+    noise: Array = signal.lfilter(b, a, white)
+    return noise * (std / float(np.sqrt(np.mean(np.abs(response) ** 2))))
 
 
 def _moving_average(values: Array, starts: NDArray[np.intp], count: int) -> Array:

@@ -19,13 +19,11 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.rod import straight
 from sinew.mechanics.space import Space
-from sinew.plan.plan import Group, TendonMode
-from sinew.plan.pose import Pose
+from sinew.plan.plan import Group, Pose, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
-from sinew.solve.march import Progress
+from sinew.solve.march import Progress, Swing, swing
 from sinew.solve.programs import configure
 from sinew.solve.spatial import Rest, bend, bend_by_tension, hold, linear_equations, patterns, settle, slow_down
-from sinew.solve.swing import Swing, swing
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.sensors import Moved
 
@@ -180,7 +178,7 @@ def swing_lanes(
     steps: int | None = None,
     progress: Progress | None = None,
 ) -> list[Swing]:
-    """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.swing`."""
+    """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.march`."""
     samples = [sum(g.sample_counts(sample_hz)) for g in groups]
     return swing(lanes.space, lanes.q, samples, 1 / sample_hz, steps=steps, progress=progress)
 

@@ -16,16 +16,16 @@ from sinew.analysis.decay.decay_fit import (
 )
 from sinew.analysis.decay.free_decay import block_means
 from sinew.analysis.decay.modes import Poles, split_poles
-from sinew.analysis.signal.coloured_noise import (
+from sinew.analysis.signal.least_squares import (
     Factors,
     covariance_by,
     factorised,
     independent,
+    least_squares,
     noise_spectrum,
     orthonormal,
     unit_columns,
 )
-from sinew.analysis.signal.nonlinear import least_squares
 from sinew.measure.arrays import Array, Complexes
 
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take

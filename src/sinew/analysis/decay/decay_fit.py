@@ -10,8 +10,16 @@ import numpy as np
 import scipy
 from scipy import linalg
 
-from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sandwich, unit_columns
-from sinew.analysis.signal.nonlinear import Linearised, Model, Solution, least_squares
+from sinew.analysis.signal.least_squares import (
+    Linearised,
+    Model,
+    Solution,
+    autoregression,
+    least_squares,
+    orthonormal,
+    sandwich,
+    unit_columns,
+)
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import ROUND_OFF, Estimate
@@ -24,11 +32,6 @@ def lehr_damping(decay_rate: Any, omega: Any) -> Any:
     Eq. 7 divides by that frequency, we by the undamped one, sqrt(ω² + λ²); both agree within 1 % up to D = 0.14.
     """
     return decay_rate / np.hypot(decay_rate, omega)
-
-
-def printed_lehr_damping(decay_rate: float, omega: float) -> float:
-    """Return D = λ/ω as paper Eq. 7 prints it, 1/sqrt(1 - D²) larger than `lehr_damping`; for the paper's method."""
-    return decay_rate / omega
 
 
 def pole_estimates(poles: Array, covariance: Array, freedom: float, clock_std: float = 0.0) -> dict[str, Estimate]:
@@ -126,11 +129,11 @@ class DecayFit:
 
     def model(self, time_s: Array) -> Array:
         """Return the fitted response at the times, shape (n,)."""
-        return _model(self._scaled(time_s), self.parameters, self.relaxing, self.bending)
+        return _linearise(self._scaled(time_s), self.parameters, self.relaxing, self.bending)[0]
 
     def model_variance(self, time_s: Array) -> Array:
         """Return the variance of `model` from that of the parameters, shape (n,)."""
-        jacobian = _jacobian(self._scaled(time_s), self.parameters, self.relaxing, self.bending)
+        jacobian = _linearise(self._scaled(time_s), self.parameters, self.relaxing, self.bending)[1]()
         return np.asarray(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian), dtype=float)
 
     def drift(self) -> tuple[float, float]:
@@ -161,14 +164,6 @@ def _waves(s: Array, p: Array, bending: bool) -> tuple[Array, Array]:
         rate, phase = rate + p[-2] * s * s, phase + p[-1] * s * s
     size = np.exp(np.clip(-rate, -200.0, 50.0))
     return size * np.cos(phase), size * np.sin(phase)
-
-
-def _model(s: Array, p: Array, relaxing: bool, bending: bool) -> Array:
-    return _linearise(s, p, relaxing, bending)[0]
-
-
-def _jacobian(s: Array, p: Array, relaxing: bool, bending: bool) -> Array:
-    return _linearise(s, p, relaxing, bending)[1]()
 
 
 def _linearise(s: Array, p: Array, relaxing: bool, bending: bool) -> Linearised:
@@ -221,7 +216,7 @@ def fit_decay(
     if bend is not None:
         p[-2:] = bend[0] * window**2, bend[1] * window**2
     linear = [_COS, _SIN, _REST, _SLOPE] + [6] * relaxes
-    p[linear] = np.linalg.lstsq(_jacobian(s, p, relaxes, bends)[:, linear], y, rcond=None)[0]
+    p[linear] = np.linalg.lstsq(_linearise(s, p, relaxes, bends)[1]()[:, linear], y, rcond=None)[0]
 
     found = least_squares(lambda q: _linearise(s, q, relaxes, bends), y, p)
     covariance, freedom = sandwich(found.jacobian, found.deviation)
@@ -251,7 +246,7 @@ def fit_decay_and_rest(time_s: Array, values: Array, guess: tuple[float, float])
     """
     plain = fit_decay(time_s, values, guess)
     s = plain._scaled(time_s)
-    jacobian = _jacobian(s, plain.parameters, plain.relaxing, plain.bending)
+    jacobian = _linearise(s, plain.parameters, plain.relaxing, plain.bending)[1]()
     basis = orthonormal(jacobian)
     before = float(np.sum(plain.residual**2))
     best, start = before, 0.0
@@ -319,18 +314,12 @@ class LikelihoodFit:
         count = self.parameters.size + self.noise.size + 1
         return -2.0 * self.log_likelihood + count * math.log(self.residual.size)
 
-    @property
-    def aic(self) -> float:
-        """Return Akaike's criterion with Hurvich and Tsai's correction for few samples; smaller is better."""
-        n, count = self.residual.size, self.parameters.size + self.noise.size + 1
-        return -2.0 * self.log_likelihood + 2.0 * count * n / max(n - count - 1.0, 1.0)
-
 
 def fit_likelihood(model: Model, start: Array, data: Array) -> LikelihoodFit:
     """Return the maximum-likelihood fit of a model to data of shape (n,), evenly sampled, from a start of shape (m,).
 
     Least squares first; its residual tells the noise (Yule-Walker with the fit's share given back, order by Akaike,
-    `sinew.analysis.signal.coloured_noise`). Data and model are then whitened by that noise, the first samples by the
+    `sinew.analysis.signal.least_squares`). Data and model are then whitened by that noise, the first samples by the
     Cholesky factor of their covariance, so that the likelihood is exact; fit and noise take turns until they agree.
     Noise is called coloured only where Bayes' criterion says so: coefficients of white noise found by chance would,
     where the spectrum happens to dip at the oscillation, promise too much.

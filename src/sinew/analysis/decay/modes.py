@@ -1,9 +1,8 @@
 """Modes of a free decay: as many as swing in it and the data support."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +17,11 @@ from sinew.analysis.decay.decay_fit import (
 )
 from sinew.analysis.decay.free_decay import block_means, find_peaks, free_decay
 from sinew.analysis.decay.samples import read_samples
-from sinew.analysis.signal.coloured_noise import solve_scaled
+from sinew.analysis.signal.least_squares import solve_scaled
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
+from sinew.measure.result import Field, Result
 
 Poles = list[tuple[complex, complex]]
 
@@ -32,19 +32,19 @@ _SURE = 4.0  # and its amplitude by its standard deviation
 _QUARTERS = 4.0  # of the dominant half period: block means keep modes up to about eight times its frequency
 
 
-@dataclass(frozen=True)
-class DecayMode:
+@dataclass(frozen=True, repr=False)
+class DecayMode(Result):
     """One mode of a decay: damped frequency_hz, natural_frequency_hz, damping_ratio, decay_rate_per_s.
 
     amplitude: at the start of the window, unit of the response; phase_rad: there, of A cos(ωt + phase).
     """
 
-    frequency_hz: Estimate
-    natural_frequency_hz: Estimate
-    damping_ratio: Estimate
-    decay_rate_per_s: Estimate
-    amplitude: Estimate
-    phase_rad: Estimate
+    frequency_hz: Annotated[Estimate, Field("frequency")]
+    natural_frequency_hz: Annotated[Estimate, Field("", "detail")]
+    damping_ratio: Annotated[Estimate, Field("damping ratio")]
+    decay_rate_per_s: Annotated[Estimate, Field("decay rate")]
+    amplitude: Annotated[Estimate, Field("amplitude", unit="[unit]")]
+    phase_rad: Annotated[Estimate, Field("", "detail")]
 
 
 @dataclass(frozen=True)
@@ -205,12 +205,6 @@ def _described(
         x - fit.residual,
         "; ".join(said),
     )
-
-
-def modes_json(modes: Sequence[DecayMode]) -> list[dict[str, Any]]:
-    """Return modes as JSON holds them, in their order."""
-    names = ("frequency_hz", "natural_frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude", "phase_rad")
-    return [{name: getattr(mode, name).to_json() for name in names} for mode in modes]
 
 
 # A sum of decaying oscillations is split into its poles without a guess, by the matrix pencil.

@@ -17,22 +17,20 @@ that is good for:
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, add_waves, fit_harmonics, harmonic_design, waveform
 from sinew.analysis.signal.signals import Channel, Signals, by_length, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array, Complexes
-from sinew.measure.attitude import quaternion, swing_of, torsion_of, turned_about_x
+from sinew.measure.attitude import quaternion
 from sinew.measure.errors import RecordingError
-from sinew.measure.schema import Excitation
-
-if TYPE_CHECKING:
-    from sinew.plan.rig import RigSpec
+from sinew.measure.recording import Excitation
+from sinew.plan.rig import RigSpec
 
 _EARTH_TO_BASE = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 """The filter's earth has z upwards, the base has x."""
@@ -50,16 +48,6 @@ class Attitude:
 
     orientation: Array
     is_recorded: bool
-
-
-@dataclass(frozen=True)
-class HeadMotion:
-    """The head over time: stamps [s]; torsion, pitch and roll [rad], see `sinew.measure.attitude`; all (n,)."""
-
-    time_s: Array
-    torsion: Array
-    pitch: Array
-    roll: Array
 
 
 def read_attitude(signals: Signals) -> Attitude | None:
@@ -81,26 +69,6 @@ def read_attitude(signals: Signals) -> Attitude | None:
                 gyro[start:stop], _on_axis(gyro[start:stop], force[start:stop], signals), step
             )
     return Attitude(found, False)
-
-
-def head_motion(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> HeadMotion:
-    """Return torsion, pitch and roll of the head over a recording, of a bent head or an upright one.
-
-    rig: that says how far the sensor is off the joint's axis; the delay of the gyroscope is not taken off here.
-    Raises RecordingError where there is no orientation, and no gyroscope with accelerometer to tell it.
-    """
-    signals = read_signals(recording, rig)
-    attitude = read_attitude(signals)
-    if attitude is None:
-        raise RecordingError("nothing tells how the head stands; expected orientation, or gyroscope and accelerometer")
-    torsion, swing = np.full(signals.time_s.size, np.nan), np.full((signals.time_s.size, 2), np.nan)
-    for start, stop in _stretches(signals):
-        here = attitude.orientation[start:stop]
-        if np.isfinite(here).all():
-            if not attitude.is_recorded:
-                here = without_drift(signals.time_s[start:stop], here)
-            torsion[start:stop], swing[start:stop] = torsion_of(here), swing_of(here)
-    return HeadMotion(signals.time_s, torsion, swing[:, 0], swing[:, 1])
 
 
 _TILTS: dict[str, int] = {"pitch": 1, "impulse-pitch": 1, "roll": 2, "impulse-roll": 2}
@@ -126,12 +94,6 @@ def tilting(signals: Signals, excitation: Excitation) -> Signals | None:
     return replace(decays, response=Channel(np.ascontiguousarray(rate), "rad/s", True), drive=None)
 
 
-def without_drift(time_s: Array, orientation: Array) -> Array:
-    """Return orientations (n, 4) whose heading is put right: a line through the torsion is taken for its drift."""
-    elapsed = time_s - time_s.mean()
-    return turned_about_x(orientation, -np.polyval(np.polyfit(elapsed, torsion_of(orientation), 1), elapsed))
-
-
 def _stretches(signals: Signals) -> list[tuple[int, int]]:
     """Return (first, last + 1) of the samples that follow one another without a gap; a group of a plan is one."""
     time = signals.time_s
@@ -145,8 +107,7 @@ def _stretches(signals: Signals) -> list[tuple[int, int]]:
 
 
 def _filtered(gyro: Array, force: Array, step_s: float) -> Array:
-    from scipy.spatial.transform import Rotation
-    from vqf import offlineVQF  # a recording of an upright head does without both
+    from vqf import offlineVQF  # a recording of an upright head does without
 
     # The filter turns by the rate of a sample over the step before it, which alone would be half a step too early
     # (2.7° at 3 Hz and 200 samples a second): it gets the mean of the rate over that step, by the cubic through four
@@ -209,14 +170,14 @@ def torsion_harmonics(fitted: Harmonics, is_rate: bool) -> Complexes:
     return fitted.coefficient[:, 0] / (2j * np.pi * order * fitted.frequency_hz[:, None] if is_rate else 1.0)
 
 
-def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec | None" = None) -> xr.Dataset:
-    """Return drive, torsion and its rate over the whole periods of one steady segment, on one true time.
+def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | None = None) -> xr.Dataset:
+    """Return drive and torsion over the whole periods of one steady segment, on one true time.
 
-    The torsion's delay and attenuation at the drive frequency are undone, and so is the drive's delay: torsion and
-    rate keep their samples, `time_s` says when they were true on the drive's clock, and the drive is evaluated there
-    (its harmonics exactly, what they leave by linear interpolation).
-    Variables over `sample`: time_s, torsion, rate, and drive where one was recorded. The units are the recording's,
-    rad and rad/s for a gyroscope. Attributes: frequency_hz, periods, pretension_mm, segment.
+    The torsion's delay and attenuation at the drive frequency are undone, and so is the drive's delay: the torsion
+    keeps its samples, `time_s` says when they were true on the drive's clock, and the drive is evaluated there (its
+    harmonics exactly, what they leave by linear interpolation).
+    Variables over `sample`: time_s, torsion, and drive where one was recorded. The units are the recording's, rad for
+    a gyroscope. Attributes: frequency_hz, periods, pretension_mm, segment.
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
     signals = read_signals(recording, rig)
@@ -237,9 +198,6 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec |
     if periods < 1:
         raise RecordingError(f"segment {segment} holds no whole period at {frequency:g} Hz; record longer")
     torsion = steady_torsion(stamps[None], both[None, 0], fitted, response.is_rate)[0][0]
-    rate = np.gradient(torsion, stamps)
-    if response.is_rate:
-        rate = both[0] - fitted.offset[0, 0] - fitted.slope[0, 0] * (stamps - fitted.reference_s[0])
     chain = complex(torsion_chain(budget, frequency))
     late = -float(np.angle(chain * np.conj(complex(drive_chain(budget, frequency))))) / (2.0 * np.pi * frequency)
     whole = stamps < stamps[0] + periods / frequency - 0.25 / budget.sample_hz
@@ -247,7 +205,6 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: "RigSpec |
     variables = {
         "time_s": ("sample", (stamps - late)[whole], {"units": "s"}),
         "torsion": ("sample", torsion[whole] / abs(chain), {"units": unit}),
-        "rate": ("sample", rate[whole] / abs(chain), {"units": f"{unit}/s"}),
     }
     if drive is not None:
         value = _evaluate(stamps, both[1], fitted, (stamps - late)[whole])
@@ -284,7 +241,7 @@ class LeverMotion:
     shares: Complexes
 
 
-def measure_lever(recording: xr.Dataset, rig: "RigSpec | None" = None) -> LeverMotion:
+def measure_lever(recording: xr.Dataset, rig: RigSpec | None = None) -> LeverMotion:
     """Return how the lever moved in the steady segments of a recording.
 
     rig: whose delay of the encoder is undone; None for a perfect one. Segments that are too short for their frequency

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.measure.schema import companions
+from sinew.measure.recording import RESULT_VARIABLES, companions
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,10 @@ class Interval:
     std_of_value: Array
     low: Array
     high: Array
+
+    def at(self, index: tuple[int, ...]) -> Estimate:
+        """Return the estimate of the value at one place."""
+        return Estimate(*(float(one[index]) for one in (self.value, self.std_of_value, self.low, self.high)))
 
 
 def combine_repeats(
@@ -56,15 +60,27 @@ def combine_repeats(
     return Interval(mean, std, np.hypot(own, shared), mean - half, mean + half)
 
 
+def variable_of(name: str, values: NDArray[Any], unit: str = "") -> xr.Variable:
+    """Return a variable of the results by the schema. unit: where that leaves it open."""
+    row = RESULT_VARIABLES[name]
+    return xr.Variable(row.dims, values, {"units": unit if row.unit == "*" else row.unit, "long_name": row.meaning})
+
+
+def interval_variables(name: str, interval: Interval) -> dict[str, xr.Variable]:
+    """Return a quantity and its three companions as variables, under the names of the result schema."""
+    numbers = (interval.value, interval.std, interval.low, interval.high)
+    return {key: variable_of(key, one) for key, one in zip((name, *companions(name)), numbers, strict=True)}
+
+
 def interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return one row for each pretension, each quantity as `Estimate.to_json`: the mean over the repeats with the
-    standard deviation and the interval of that mean.
+    """Return one row for each pretension, of its pretension and of estimates by name: the mean over the repeats with
+    the standard deviation and the interval of that mean.
 
     names: of quantities over pretension with their companions, or of those over pretension and repeat.
     """
     means = {name: _means(results, name) for name in names}
     return [
-        {"pretension_mm": float(pretension)} | {name: mean[index].to_json() for name, mean in means.items()}
+        {"pretension_mm": float(pretension)} | {name: mean[index] for name, mean in means.items()}
         for index, pretension in enumerate(results["pretension_mm"].values)
     ]
 
@@ -74,9 +90,7 @@ def _means(results: xr.Dataset, name: str) -> list[Estimate]:
     if values.ndim > 1:
         own = f"{name}_std"
         mean = combine_repeats(values, results.variables[own].values if own in results else values * np.nan)
-        return [
-            Estimate(*map(float, row)) for row in zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True)
-        ]
+        return [mean.at((i,)) for i in range(mean.value.size)]
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
     columns = np.stack([results.variables[one].values for one in (name, *companions(name))]).T.tolist()
     return [_of_mean(Estimate(*row), int(count)) for row, count in zip(columns, repeats, strict=True)]

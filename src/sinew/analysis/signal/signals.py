@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,13 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.attitude import gyro_share
-from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, TimeError
-from sinew.measure.recording import Segment, iterate_segments
-from sinew.measure.schema import SAMPLE_VARIABLES, Excitation, SegmentKind
-
-if TYPE_CHECKING:
-    from sinew.plan.rig import RigSpec
+from sinew.measure.recording import SAMPLE_VARIABLES, Excitation, Segment, SegmentKind, iterate_segments
+from sinew.measure.validation import as_dataset
+from sinew.plan.rig import NODE_HZ, RigSpec
 
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
 
@@ -47,14 +44,6 @@ class DelayBudget:
     drive_lsb_rad: float = 0.0
 
 
-def sample_rate(recording: xr.Dataset) -> float:
-    """Return the sample rate of a recording [Hz]: one over the median step inside its segments.
-
-    Raises TimeError where no segment has two samples.
-    """
-    return _rate(recording["time_s"].values, recording["row_size"].values)
-
-
 def _rate(time_s: Array, row_size: NDArray[np.int64]) -> float:
     steps = np.diff(time_s)
     inside = np.ones(steps.size, dtype=bool)
@@ -64,15 +53,7 @@ def _rate(time_s: Array, row_size: NDArray[np.int64]) -> float:
     return float(1.0 / np.median(steps[inside]))
 
 
-def delay_budget(recording: xr.Dataset, rig: "RigSpec | None") -> DelayBudget:
-    """Return the delay budget that a recording went through.
-
-    rig: whose IMU and bus recorded it; None, or a recording without gyroscope, gives a perfect sensor.
-    """
-    return _budget(sample_rate(recording), rig if "gyro_rad_s" in recording else None)
-
-
-def _budget(rate: float, rig: "RigSpec | None") -> DelayBudget:
+def _budget(rate: float, rig: RigSpec | None) -> DelayBudget:
     if rig is None:
         return DelayBudget(rate)
     return DelayBudget(
@@ -86,10 +67,8 @@ def _budget(rate: float, rig: "RigSpec | None") -> DelayBudget:
     )
 
 
-def sensor_budget(rig: "RigSpec") -> DelayBudget:
+def sensor_budget(rig: RigSpec) -> DelayBudget:
     """Return the delays of a rig's sensor at its own rate."""
-    from sinew.plan.rig import NODE_HZ  # whoever has a rig has its module
-
     imu = rig.imu
     return DelayBudget(NODE_HZ, imu.low_pass.value, imu.residual_delay.value, imu.average_samples)
 
@@ -150,7 +129,7 @@ class Channel:
 
 
 class RestPose(NamedTuple):
-    """The pose that was asked for: bend and azimuth [rad], zero of an upright head; see `sinew.plan.pose`."""
+    """The pose that was asked for: bend and azimuth [rad], zero of an upright head; see `sinew.plan.plan`."""
 
     bend: float
     azimuth: float
@@ -171,7 +150,7 @@ class Signals:
     segments: list[tuple[Segment, slice]]
     response: Channel
     drive: Channel | None
-    rig: "RigSpec | None"
+    rig: RigSpec | None
     recorded: Mapping[str, NDArray[Any]]
     attrs: Mapping[Any, Any]
     pose: RestPose | None
@@ -194,7 +173,7 @@ class Signals:
         return ((segment, where) for segment, where in self.segments if segment.kind == kind)
 
 
-def read_signals(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> Signals:
+def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Signals:
     """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.

@@ -1,1 +1,1 @@
-"""Stepped sines: amplitude response, resonance, saturation, energy, phase portraits."""
+"""Stepped sines: amplitude response, resonance, saturation, energy."""

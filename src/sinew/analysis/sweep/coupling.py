@@ -18,19 +18,20 @@ import numpy as np
 import xarray as xr
 from scipy import special
 
+from sinew.analysis.results import CouplingRow
 from sinew.analysis.signal.attitude import Attitude, read_attitude
 from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise
-from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.repeats import combine_repeats, variable_of
 from sinew.analysis.signal.signals import RestPose, Signals, drive_chain, torsion_chain
 from sinew.measure.arrays import Array, Complexes, mean_of_known, wrapped_lag
 from sinew.measure.attitude import tilt_from, torsion_of, turned_about_x
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate, finite
-from sinew.measure.recording import Segment
-from sinew.measure.schema import CHANNELS, RESULT_VARIABLES, result_axis
+from sinew.measure.recording import CHANNELS, RESULT_VARIABLES, Segment, result_axis
+from sinew.measure.result import Rows
 
 TORSION, IN_PLANE, OUT_OF_PLANE = range(3)
-"""Places of the channels; their names are `sinew.measure.schema.CHANNELS`."""
+"""Places of the channels; their names are `sinew.measure.recording.CHANNELS`."""
 
 _DRIVE = 3
 _FREEDOM = 16.0
@@ -150,43 +151,29 @@ def _drive(signals: Signals, segment: Segment, where: slice) -> Array | None:
     return np.asarray(2e3 / cable.shape[1] * (cable @ weights))
 
 
-def _on_grid(found: list[tuple[Segment, _Of]], asked: list[Segment], excitation: str) -> xr.Dataset:
-    pretension = np.unique([s.pretension_mm for s in asked])
-    frequency = np.unique([s.frequency_hz for s in asked])
-    repeat = np.unique([s.repeat for s in asked])
-    shape = (pretension.size, frequency.size, repeat.size, len(CHANNELS))
+def _on_grid(found: list[tuple[Segment, _Of]], steady: list[Segment], excitation: str) -> xr.Dataset:
+    names = ("pretension_mm", "frequency_hz", "repeat")
+    marks = {name: np.unique([getattr(segment, name) for segment in steady]) for name in names}
+    shape = (*(axis.size for axis in marks.values()), len(CHANNELS))
     columns = {name: np.full(shape, np.nan) for name in _CHANNEL_COLUMNS}
     for segment, of in found:
-        asked_for = (segment.pretension_mm, segment.frequency_hz, segment.repeat)
-        axes = (pretension, frequency, repeat)
-        at = tuple(int(np.searchsorted(axis, mark)) for axis, mark in zip(axes, asked_for, strict=True))
-        for name, values in {
-            "channel_amplitude_rad": of.amplitude,
-            "channel_amplitude_std_rad": of.amplitude_std,
-            "channel_gain": np.abs(of.gain),
-            "channel_gain_std": np.abs(of.gain) * of.gain_noise[:, 0],
-            "channel_lag_rad": wrapped_lag(of.gain),
-            "channel_lag_std_rad": of.gain_noise[:, 1],
-            "coupling_ratio": np.abs(of.coupling),
-            "coupling_ratio_std": np.abs(of.coupling) * of.coupling_noise[:, 0],
-            "coupling_lag_rad": wrapped_lag(of.coupling),
-            "coupling_lag_std_rad": of.coupling_noise[:, 1],
-            "second_harmonic_rad": np.abs(of.second),
-            "second_harmonic_lag_rad": wrapped_lag(of.second),
-            "second_harmonic_std_rad": of.second_std,
-            "channel_mean_rad": of.mean,
-        }.items():
-            columns[name][at] = values
-    variables = {}
-    for name, values in columns.items():
-        row = RESULT_VARIABLES[name]
-        variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
-    variables["channel_gain"][2]["units"] = "1" if excitation == "lever" else "rad/mm"
-    variables["channel_gain_std"][2]["units"] = variables["channel_gain"][2]["units"]
-    marks = {"pretension_mm": pretension, "frequency_hz": frequency, "repeat": repeat + 1}
-    axes_of = {name: result_axis(name, values) for name, values in marks.items()}
-    axes_of["channel"] = result_axis("channel", np.array(CHANNELS, dtype=object))
-    return xr.Dataset(variables, axes_of, attrs={"coupling_drive": excitation})
+        at = tuple(int(np.searchsorted(axis, getattr(segment, name))) for name, axis in marks.items())
+        for name, phasor, noise in (
+            ("channel", of.gain, of.gain_noise),
+            ("coupling", of.coupling, of.coupling_noise),
+        ):
+            size = "channel_gain" if name == "channel" else "coupling_ratio"
+            columns[size][at], columns[f"{size}_std"][at] = np.abs(phasor), np.abs(phasor) * noise[:, 0]
+            columns[f"{name}_lag_rad"][at], columns[f"{name}_lag_std_rad"][at] = wrapped_lag(phasor), noise[:, 1]
+        columns["channel_amplitude_rad"][at], columns["channel_amplitude_std_rad"][at] = of.amplitude, of.amplitude_std
+        columns["second_harmonic_rad"][at], columns["second_harmonic_std_rad"][at] = np.abs(of.second), of.second_std
+        columns["second_harmonic_lag_rad"][at], columns["channel_mean_rad"][at] = wrapped_lag(of.second), of.mean
+    variables = {name: variable_of(name, values) for name, values in columns.items()}
+    for name in ("channel_gain", "channel_gain_std"):
+        variables[name].attrs["units"] = "1" if excitation == "lever" else "rad/mm"
+    axes = marks | {"repeat": marks["repeat"] + 1, "channel": np.array(CHANNELS, dtype=object)}
+    coordinates = {name: result_axis(name, values) for name, values in axes.items()}
+    return xr.Dataset(variables, coordinates, attrs={"coupling_drive": excitation})
 
 
 _BY_DRIVE = ("channel_gain", "channel_gain_std", "channel_lag_rad", "channel_lag_std_rad")
@@ -227,25 +214,25 @@ def _mean_phasor(
     return amplitude, Estimate(middle, float(across.std_of_value) / abs(mean), middle - half, middle + half)
 
 
-def _mean_size(size: Array, std: Array, lag: Array) -> dict[str, Any]:
+def _mean_size(size: Array, std: Array, lag: Array) -> Estimate:
     """Return the mean of phasors [rad] in degrees; of their sizes, where no lag is known."""
     lag = lag if np.isfinite(lag).any() else np.zeros_like(lag)
     with np.errstate(divide="ignore", invalid="ignore"):
         return _degrees(_mean_phasor(size, std, lag, std / size, freedom=_FREEDOM_OF_HARMONIC)[0])
 
 
-def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the coupling table, one row for each pretension, frequency and channel, ready for JSON."""
+def coupling_rows(results: xr.Dataset) -> Rows[CouplingRow]:
+    """Return the coupling table, one row for each pretension, frequency and channel."""
     values = {name: results[name].values for name in _CHANNEL_COLUMNS}
     by_drive = "gain" if results["channel_gain"].attrs["units"] == "1" else "gain_rad_mm"
-    rows: list[dict[str, Any]] = []
+    rows = []
     for p, f, c in np.ndindex(*(results.sizes[name] for name in ("pretension_mm", "frequency_hz", "channel"))):
         of = {name: array[p, f, :, c] for name, array in values.items()}
         repeats = int(np.isfinite(of["channel_amplitude_rad"]).sum())
         if not repeats:
             continue
         gain, lag = _mean_phasor(*(of[name] for name in _BY_DRIVE))
-        row = {
+        row: dict[str, Any] = {
             "pretension_mm": float(results["pretension_mm"].values[p]),
             "frequency_hz": float(results["frequency_hz"].values[f]),
             "channel": str(results["channel"].values[c]),
@@ -253,17 +240,17 @@ def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:
             "amplitude_deg": _mean_size(
                 of["channel_amplitude_rad"], of["channel_amplitude_std_rad"], of["channel_lag_rad"]
             ),
-            by_drive: gain.to_json(),
+            by_drive: gain,
             "phase_lag_deg": _degrees(lag),
         }
         if c != TORSION:
             ratio, behind = _mean_phasor(*(of[name] for name in _BY_TORSION))
-            row |= {"coupling_ratio": ratio.to_json(), "lag_behind_torsion_deg": _degrees(behind)}
+            row |= {"coupling_ratio": ratio, "lag_behind_torsion_deg": _degrees(behind)}
         row["second_harmonic_deg"] = _mean_size(*(of[name] for name in _SECOND))
         row["mean_deg"] = finite(math.degrees(float(mean_of_known(of["channel_mean_rad"]))))
-        rows.append(row)
-    return rows
+        rows.append(CouplingRow(**row))
+    return Rows(rows)
 
 
-def _degrees(of: Estimate) -> dict[str, Any]:
-    return of.times(math.degrees(1.0)).to_json()
+def _degrees(of: Estimate) -> Estimate:
+    return of.times(math.degrees(1.0))

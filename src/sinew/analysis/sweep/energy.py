@@ -8,14 +8,14 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sinew.analysis.signal.coloured_noise import solve_damped
-from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
-from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.least_squares import solve_damped
+from sinew.analysis.signal.motors import idle_power, rest_power, supply_uncertainty
+from sinew.analysis.signal.repeats import combine_repeats, interval_variables
 from sinew.analysis.signal.signals import Signals
-from sinew.analysis.sweep.resonance import alike, by_repeat, interval_variables, read_each
+from sinew.analysis.sweep.resonance import alike, by_repeat, read_each
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, mean_of_known
-from sinew.measure.schema import ENERGY_QUANTITIES
+from sinew.measure.recording import ENERGY_QUANTITIES
 
 # The current that a swing needs is parted into spring, inertia and what the two save each other.
 

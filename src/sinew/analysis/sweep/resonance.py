@@ -9,7 +9,7 @@ largest fundamental over it (`resonance_hz`), of the largest gain by measured dr
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,12 +17,13 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.signal.coloured_noise import solve_damped, unit_columns
-from sinew.analysis.signal.repeats import Interval, combine_repeats, interval_rows
+from sinew.analysis.signal.least_squares import solve_damped, unit_columns
+from sinew.analysis.signal.repeats import combine_repeats, interval_rows, interval_variables
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, Complexes, Mask, mean_of_known, wrapped_lag
+from sinew.measure.estimate import Estimate
 from sinew.measure.recording import FEWEST_FREQUENCIES, too_few_frequencies
-from sinew.measure.schema import RESULT_VARIABLES, companions
+from sinew.measure.result import plain
 
 # ---- rational curve through a measured resonance, whose peak can be read off between the points
 
@@ -32,8 +33,6 @@ _PLAIN = np.array([True, True, True, True, True, True, False, False])
 _STEPS = 40
 _MISFIT = 5.0
 _FINE = 1001
-_STRIDE = 20
-_BESIDE = np.array([-10, -5, -2, 0, 2, 5, 10])
 _CHUNK = 16  # curves whose neighbours are read at once: what fits the cache
 
 
@@ -263,77 +262,53 @@ def parameter_spread(curves: RationalCurves) -> Array:
     return np.concatenate([centre, centre + steps, centre - steps], axis=1)
 
 
-@dataclass(frozen=True)
-class _Swept:
-    """Curves of parameters (k, 8) and relative half width (k,) on a fine grid of v, worked out only where needed.
+def _swept(curves: RationalCurves, parameters: Array) -> tuple[Array, Complexes]:
+    """Return the size of curves of some parameters (k·m, 8), m of each curve, on a fine even grid over its window, and
+    the response times what makes it real and positive, (k·m, n) each."""
+    w = np.repeat(curves.half_width_hz / curves.centre_hz, parameters.shape[0] // max(1, curves.found.size))
+    v = np.asarray(np.arange(_FINE) * (2.0 / (_FINE - 1)) - 1.0)
+    numerator, denominator = _fraction(parameters, v, w)
+    size = denominator.real**2 + denominator.imag**2
+    return np.sqrt((numerator.real**2 + numerator.imag**2) / size), numerator * denominator.conj()
 
-    What is sought is looked for at every twentieth place and about the pole, the one thing that can make a curve sharp,
-    and then at all places beside.
-    """
 
-    parameters: Array
-    w: Array
+def _tops(gain: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return where each curve (k, n) is largest, what a parabola adds to that [grid points], and its height, (k,)."""
+    top = np.argmax(gain, axis=1).clip(1, _FINE - 2)
+    before, middle, after = (_picked(gain, top + step) for step in (-1, 0, 1))
+    bend = before - 2.0 * middle + after
+    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
+    return top, shift, middle - 0.25 * (before - after) * shift
 
-    def at(self, place: NDArray[np.intp], rows: Any = slice(None)) -> tuple[Array, Complexes]:
-        """Return size and response times what makes it real and positive, at places (n,) or (k, n), of some curves."""
-        v = np.asarray(place * (2.0 / (_FINE - 1)) - 1.0)
-        numerator, denominator = _fraction(self.parameters[rows], v, self.w[rows])
-        size = denominator.real**2 + denominator.imag**2
-        return np.sqrt((numerator.real**2 + numerator.imag**2) / size), numerator * denominator.conj()
 
-    @cached_property
-    def grid(self) -> NDArray[np.intp]:
-        """Return every twentieth place and those about the pole, in order, shape (k, n)."""
-        a = self.parameters[:, 0]
-        pole = 1.0 + np.nan_to_num(a / (1.0 + np.sqrt(np.maximum(1.0 + self.w * a, 0.0))))
-        beside = np.rint(pole.clip(0.0, 2.0) * (0.5 * (_FINE - 1))).astype(np.intp)[:, None] + _BESIDE
-        places = np.broadcast_to(np.arange(0, _FINE, _STRIDE), (a.size, (_FINE - 1) // _STRIDE + 1))
-        return np.sort(np.concatenate([places, beside.clip(0, _FINE - 1)], axis=1), axis=1)
+def _widths(gain: Array, top: NDArray[np.intp], level: Array) -> Array:
+    """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
+    place, low = np.arange(_FINE), gain <= level[:, None]
+    width = np.zeros(top.size)
+    for side in (-1, 1):
+        away = side * (place - top[:, None])
+        first = np.where(low & (away > 0), away, _FINE).min(axis=1)
+        outer = (top + side * first).clip(0, _FINE - 1)
+        inside, outside = _picked(gain, (outer - side).clip(0, _FINE - 1)), _picked(gain, outer)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            width += np.where(first < _FINE, first - 1 + (inside - level) / (inside - outside), np.nan)
+    return width
 
-    @cached_property
-    def coarse(self) -> tuple[Array, Complexes]:
-        """Return size and turned response on that grid."""
-        return self.at(self.grid)
 
-    def tops(self) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return where each curve is largest, what a parabola adds to that [grid points], and its height, (k,) each."""
-        near = _picked(self.grid, np.argmax(self.coarse[0], axis=1))[:, None] + np.arange(-_STRIDE, _STRIDE + 1)
-        near = near.clip(0, _FINE - 1)
-        top = _picked(near, np.argmax(self.at(near)[0], axis=1)).clip(1, _FINE - 2)
-        before, middle, after = self.at(top[:, None] + np.array([-1, 0, 1]))[0].T
-        bend = before - 2.0 * middle + after
-        shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
-        return top, shift, middle - 0.25 * (before - after) * shift
-
-    def widths(self, top: NDArray[np.intp], level: Array) -> Array:
-        """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
-        width = np.zeros(top.size)
-        for side in (-1, 1):
-            away = side * (self.grid - top[:, None])
-            first = np.where((self.coarse[0] <= level[:, None]) & (away > 0), away, _FINE).min(axis=1)
-            away = first[:, None] + np.arange(-_STRIDE, 1)
-            gain = self.at(top[:, None] + side * away)[0]
-            low = 1 + np.argmax(((gain <= level[:, None]) & (away > 0))[:, 1:], axis=1)
-            inner, outer = _picked(gain, low - 1), _picked(gain, low)
-            width += np.where(first < _FINE, _picked(away, low - 1) + (inner - level) / (inner - outer), np.nan)
-        return width
-
-    def crossings(self, top: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return where the lag passes 90° nearest to the top [grid points], and by how much it grows there, (k,)."""
-        ahead = self.coarse[1].real > 0  # a lag below 90°
-        row, cell = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
-        turned = self.at(self.grid[row, cell, None] + np.arange(_STRIDE + 1), row)[1]
-        behind = np.argmax(turned.real <= 0, axis=1)
-        at, lag = self.grid[row, cell] + behind - 1, wrapped_lag(_picked(turned, behind - 1))
-        grown = wrapped_lag(_picked(turned, behind)) - lag
-        nearest = np.lexsort((np.abs(at - top[row]), row))
-        nearest = nearest[grown[nearest] < 0.5 * np.pi]
-        row, first = np.unique(row[nearest], return_index=True)
-        chosen = nearest[first]
-        where, slope = np.full(top.size, np.nan), np.full(top.size, np.nan)
-        where[row] = at[chosen] + (0.5 * np.pi - lag[chosen]) / grown[chosen]
-        slope[row] = grown[chosen]
-        return where, slope
+def _crossings(turned: Complexes, top: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return where the lag passes 90° nearest to the top [grid points], and by how much it grows there, (k,)."""
+    ahead = turned.real > 0  # a lag below 90°
+    row, at = np.nonzero(ahead[:, :-1] & ~ahead[:, 1:])
+    lag = wrapped_lag(turned[row, at])
+    grown = wrapped_lag(turned[row, at + 1]) - lag
+    nearest = np.lexsort((np.abs(at - top[row]), row))
+    nearest = nearest[grown[nearest] < 0.5 * np.pi]
+    row, first = np.unique(row[nearest], return_index=True)
+    chosen = nearest[first]
+    where, slope = np.full(top.size, np.nan), np.full(top.size, np.nan)
+    where[row] = at[chosen] + (0.5 * np.pi - lag[chosen]) / grown[chosen]
+    slope[row] = grown[chosen]
+    return where, slope
 
 
 def _picked(values: NDArray[Any], at: NDArray[np.intp]) -> NDArray[Any]:
@@ -348,10 +323,10 @@ def read_curves(curves: RationalCurves) -> tuple[Array, Mask]:
     for first in range(0, curves.found.size, _CHUNK):
         rows = slice(first, first + _CHUNK)
         centre, half = curves.centre_hz[rows, None], curves.half_width_hz[rows, None]
-        swept = _Swept(parameter_spread(curves.of(rows)).reshape(-1, 8), np.repeat(half / centre, 33))
-        top, shift, largest = swept.tops()
-        crossing, slope = swept.crossings(top)
-        grid = top + shift, largest, swept.widths(top, largest / math.sqrt(2.0)), crossing, slope
+        gain, turned = _swept(curves.of(rows), parameter_spread(curves.of(rows)).reshape(-1, 8))
+        top, shift, largest = _tops(gain)
+        width = _widths(gain, top, largest / math.sqrt(2.0))
+        grid = top + shift, largest, width, *_crossings(turned, top)
         at, largest, width, crossing, slope = (values.reshape(-1, 33) for values in grid)
         pitch, start = half * (2.0 / (_FINE - 1)), centre - half
         found = start + pitch * at, largest, pitch * width, start + pitch * crossing, slope / pitch
@@ -488,11 +463,6 @@ def _finite(frequency: Array, response: Complexes, *stds: Array) -> tuple[Any, .
     return held, frequency, np.where(held, response, 0.0), *moved
 
 
-def find_peak(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> Peak:
-    """Return the resonance of one complex response curve, all arguments of shape (f,): `find_peaks` of one."""
-    return find_peaks(frequency_hz, response[None], size_std[None], angle_std[None])[0]
-
-
 def find_peaks(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> list[Peak]:
     """Return the resonances of complex response curves at frequencies (f,), NaN points left out.
 
@@ -561,7 +531,7 @@ def _polished(wide: Array, held: Mask, f: Array, h: Complexes, size: Array, angl
 
 def _read_tops(curves: RationalCurves) -> Array:
     """Return frequency [Hz] and gain of the curves' peaks, (k, 2)."""
-    top, shift, largest = _Swept(curves.parameters, curves.half_width_hz / curves.centre_hz).tops()
+    top, shift, largest = _tops(_swept(curves, curves.parameters)[0])
     v = (top + shift) * (2.0 / (_FINE - 1)) - 1.0
     return np.stack([curves.centre_hz + v * curves.half_width_hz, largest], axis=1)
 
@@ -767,16 +737,6 @@ def _local(frequency: Array, values: Array, where: Array) -> tuple[Array, Array]
     return np.where(usable, line[:, 0], few), np.where(usable, std, 0.0)
 
 
-def interval_variables(name: str, interval: Interval) -> dict[str, xr.Variable]:
-    """Return a quantity and its three companions as variables, under the names of the result schema."""
-    numbers = (interval.value, interval.std, interval.low, interval.high)
-    rows = {key: RESULT_VARIABLES[key] for key in (name, *companions(name))}
-    return {
-        key: xr.Variable(row.dims, values, {"units": row.unit, "long_name": row.meaning})
-        for (key, row), values in zip(rows.items(), numbers, strict=True)
-    }
-
-
 MEANINGS = {
     "paper_resonance_hz": "largest mean of peaks over the nominal drive: the paper's, Eq. 6",
     "resonance_hz": "largest fundamental over the nominal drive",
@@ -790,13 +750,13 @@ motion that repeats exactly, the mean of peaks is half of peak to peak."""
 def resonance_table(results: xr.Dataset) -> list[dict[str, Any]]:
     """Return each meaning of resonance beside the others, one row for each pretension, ready for JSON.
 
-    results: of a sweep. Keys: `pretension_mm`, and those of `MEANINGS`, each `{"value", "std", "interval90"}` with the
-    standard deviation of the mean over repeats; None where it could not be read. Empty without a resonance.
+    results: of a sweep. Keys: `pretension_mm`, and those of `MEANINGS`, each as `Estimate.to_json`, with the standard
+    deviation of the mean over repeats; None where it could not be read. Empty without a resonance.
     """
     if "resonance_hz" not in results:
         return []
     rows = interval_rows(results, [name for name in MEANINGS if name in results])
     return [
-        {name: None if isinstance(one, dict) and one["value"] is None else one for name, one in row.items()}
+        {name: None if isinstance(one, Estimate) and math.isnan(one.value) else plain(one) for name, one in row.items()}
         for row in rows
     ]

@@ -1,9 +1,9 @@
-"""Amplitude, gain and phase of steady segments, over pretension, frequency and repeat."""
+"""Amplitude, gain and phase of steady segments, over pretension, frequency and repeat; their Lissajous figures."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,7 +20,8 @@ from sinew.analysis.signal.harmonics import (
     multiples,
     relative_noise,
 )
-from sinew.analysis.signal.power import power_columns
+from sinew.analysis.signal.motors import power_columns
+from sinew.analysis.signal.repeats import variable_of
 from sinew.analysis.signal.signals import (
     Signals,
     by_length,
@@ -29,15 +30,11 @@ from sinew.analysis.signal.signals import (
     read_signals,
     torsion_chain,
 )
-from sinew.analysis.sweep.portrait import lissajous_phase
-from sinew.measure.arrays import Array, Complexes, mean_and_spread, wrapped_lag
+from sinew.measure.arrays import Array, Complexes, wrapped_lag
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.measure.recording import Segment
-from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
-
-if TYPE_CHECKING:
-    from sinew.plan.rig import RigSpec
+from sinew.measure.recording import POWER_COLUMNS, RESULT_VARIABLES, Segment, result_axis
+from sinew.plan.rig import RigSpec
 
 DRIFT_THRESHOLD = 0.005
 """A group is settled if the relative change of its complex amplitude per period is below this, or below its noise."""
@@ -90,11 +87,11 @@ class _Batch:
     signal: Array
 
 
-def estimate_response(recording: xr.Dataset | Signals, rig: "RigSpec | None" = None) -> Response:
+def estimate_response(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Response:
     """Return the frequency response of all steady segments.
 
-    recording: its steady segments carry a frequency; see `sinew.analysis.signal.groups.split_by_drive` for those that
-    do not.
+    recording: its steady segments carry a frequency; see `sinew.analysis.signal.harmonics.split_by_drive` for those
+    that do not.
     rig: whose delay budget is undone in amplitude and phase, at each harmonic; None for perfect sensors.
     Without a nominal amplitude (a foreign recording) the measured drive takes its place. Of two groups at the same
     pretension, frequency and repeat the later counts.
@@ -107,10 +104,8 @@ def estimate_response(recording: xr.Dataset | Signals, rig: "RigSpec | None" = N
     found = list(_measured(signals, steady))
     if not found:
         raise RecordingError("every steady segment is shorter than one period of its drive; record whole periods")
-    fitted = Harmonics(**_joined([vars(harmonics) for harmonics, _ in found]))
-    measured = _joined([columns for _, columns in found])
-    rows = measured.pop("rows")
-    columns = _columns(signals, fitted, measured)
+    columns = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    rows = columns.pop("rows")
     if signals.rig is not None and "power_per_inertia" in columns:
         columns["drive_mechanical_w"] = signals.rig.inertia.lever.value * columns["power_per_inertia"]
     flat: dict[str, NDArray[Any]] = {}
@@ -119,11 +114,6 @@ def estimate_response(recording: xr.Dataset | Signals, rig: "RigSpec | None" = N
         if name in columns:
             flat[name][rows] = columns[name]
     return _on_grid([segment for segment, _ in steady], flat)
-
-
-def _joined(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return columns of several batches as those of one."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[_Batch]:
@@ -141,13 +131,11 @@ def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[
         yield _Batch(rows, samples, signals.time_s[samples], frequency, nominal, sampled)
 
 
-def _measured(
-    signals: Signals, steady: list[tuple[Segment, slice]]
-) -> Iterator[tuple[Harmonics, dict[str, NDArray[Any]]]]:
-    """Yield what is read off the samples of batches of steady segments: harmonics, and columns of shape (s,) by name.
+def _measured(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the response columns of batches of steady segments by name, each of shape (s,).
 
-    These are, beside those of the motors' registers: rows; nominal [rad]; peaks of the torsion as sensed; of a measured
-    drive its hidden quantisation [rad] and figure, the lag by the Lissajous figure of what was sensed [rad].
+    Among them are, of what was sensed: rows; nominal [rad]; peaks of the torsion; of a measured drive its hidden
+    quantisation [rad] and figure, the lag by the Lissajous figure [rad].
     """
     response, drive, rig = signals.response, signals.drive, signals.rig
     limit = _DUTY_SHARE * (1.0 if rig is None else rig.drive.duty_limit.value)
@@ -165,7 +153,7 @@ def _measured(
             columns["figure"] = _figure_phase(batch, sensed)
         columns |= _motor_columns(signals, batch, limit)
         columns |= power_columns(signals, batch.time, batch.samples, batch.frequency)
-        yield fitted, columns
+        yield _columns(signals, fitted, columns)
 
 
 def _columns(signals: Signals, fitted: Harmonics, measured: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -307,12 +295,9 @@ def response_dataset(response: Response) -> xr.Dataset:
     The powers are in it where there is any.
     """
     axes = {name: getattr(response, name) for name in ("pretension_mm", "frequency_hz", "repeat")}
-    variables = {}
     has_power = bool(np.isfinite(response.columns["drive_power_w"]).any())
     columns = {name: values for name, values in response.columns.items() if has_power or name not in POWER_COLUMNS}
-    for name, values in columns.items():
-        row = RESULT_VARIABLES[name]
-        variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+    variables = {name: variable_of(name, values) for name, values in columns.items()}
     return xr.Dataset(variables, {name: result_axis(name, values) for name, values in axes.items()})
 
 
@@ -330,14 +315,12 @@ class SaturationFit:
     threshold_mm: the kink, its 90 % interval where the residual is within the F test's reach of the smallest.
     slope_below_per_mm, slope_above_per_mm: of the two parts.
     preferred: whether the kink is worth its two parameters (Bayesian information criterion lower by 2 or more).
-    sentence: all this in words.
     """
 
     threshold_mm: Estimate
     slope_below_per_mm: float
     slope_above_per_mm: float
     preferred: bool
-    sentence: str
 
 
 def fit_saturation(pretension_mm: Array, gain_peak: Array) -> SaturationFit:
@@ -369,9 +352,7 @@ def fit_saturation(pretension_mm: Array, gain_peak: Array) -> SaturationFit:
     bic_gain = x.size * math.log(max(straight, smallest) / smallest) - 2.0 * math.log(x.size)
     _, below, bend = lines[best]
     threshold = Estimate(float(kinks[best]), (high - low) / (2.0 * NORMAL_90), low, high)
-    preferred = bic_gain >= 2.0
-    told = _sentence(threshold, below, bend, preferred, bic_gain)
-    return SaturationFit(threshold, below, below + bend, preferred, told)
+    return SaturationFit(threshold, below, below + bend, bic_gain >= 2.0)
 
 
 def _line(x: Array, y: Array, kink: float | None) -> tuple[float, tuple[float, float, float]]:
@@ -386,40 +367,61 @@ def _line(x: Array, y: Array, kink: float | None) -> tuple[float, tuple[float, f
     return float(residual @ residual), (level, slope, bend)
 
 
-def _sentence(threshold: Estimate, below: float, bend: float, preferred: bool, bic_gain: float) -> str:
-    kink = f"a kink at {threshold.value:.1f} mm (90 % interval {threshold.low:.1f} to {threshold.high:.1f} mm)"
-    slopes = f"the peak gain changes by {below:+.3f} per mm below and {below + bend:+.3f} per mm above"
-    if preferred:
-        return f"The data prefer {kink} to one straight line by {bic_gain:.1f} in BIC: {slopes}."
-    return f"The data do not prefer {kink} to one straight line ({bic_gain:+.1f} in BIC, 2 needed): {slopes}."
+# Torsion over drive becomes an ellipse, and the ellipse a phase.
 
 
-# The gain becomes a map over pretension and frequency, with the resonance as its ridge.
+@dataclass(frozen=True)
+class Ellipse:
+    """A Lissajous ellipse: drive = drive_amplitude·cos ψ, torsion = torsion_amplitude·cos(ψ - lag).
 
-
-def gain_map(results: xr.Dataset, by: str = "gain") -> xr.Dataset:
-    """Return mean gain over repeats, its tube and its ridge (paper, figures 6 and 8).
-
-    results: with a sweep part. by: gain (nominal drive, mean of peaks), gain_harmonic or gain_measured_drive.
-    Variables: `gain` and `gain_std` (±1 standard deviation over repeats, NaN for one repeat), `phase_lag` and
-    `phase_lag_std` [rad], all over (pretension_mm, frequency_hz); `ridge_hz` and `ridge_gain` over pretension_mm,
-    from the resonance part, NaN where no peak was found. Both axes are index coordinates.
-    Raises RecordingError where the results hold no sweep.
+    drive_amplitude, torsion_amplitude: half extents, in the units of the motion.
+    lag_rad: of the torsion behind the drive, positive lag, in (-π/2, 3π/2].
+    area: enclosed by one period, π·drive_amplitude·torsion_amplitude·sin(lag): positive where the drive does work.
     """
-    if by not in ("gain", "gain_harmonic", "gain_measured_drive"):
-        raise ValueError(f"no such gain {by!r}; choose gain, gain_harmonic or gain_measured_drive")
-    if "gain" not in results:
-        raise RecordingError("these results hold no sweep, so there is no gain to map; analyse a recording with one")
-    out = xr.Dataset(coords={name: results[name].variable for name in ("pretension_mm", "frequency_hz")})
-    for name, source, unit in (("gain", by, "1"), ("phase_lag", "phase_lag_rad", "rad")):
-        mean, std = mean_and_spread(results[source].values)
-        out[name] = (("pretension_mm", "frequency_hz"), mean, {"units": unit})
-        out[f"{name}_std"] = (("pretension_mm", "frequency_hz"), std, {"units": unit})
-    measured = by == "gain_measured_drive"
-    for name, source in (
-        ("ridge_hz", "resonance_measured_drive_hz" if measured else "resonance_hz"),
-        ("ridge_gain", "gain_peak_measured_drive" if measured else "gain_peak"),
-    ):
-        missing = np.full(results.sizes["pretension_mm"], np.nan)
-        out[name] = ("pretension_mm", results[source].values if source in results else missing)
-    return out
+
+    drive_amplitude: float
+    torsion_amplitude: float
+    lag_rad: float
+    area: float
+
+    def curve(self, points: int = 181) -> tuple[Array, Array]:
+        """Return (drive, torsion) of the ellipse, closed, each of shape (points,)."""
+        angle = np.linspace(0.0, 2.0 * np.pi, points)
+        return self.drive_amplitude * np.cos(angle), self.torsion_amplitude * np.cos(angle - self.lag_rad)
+
+
+def lissajous_phase(drive: Array, torsion: Array, step_rad: Array, periods: Array) -> Array:
+    """Return the lag of figures over whole periods, (s,) from drive and torsion of shape (s, n).
+
+    step_rad: phase between samples ΩT, shape (s,). periods: whole periods in the record, shape (s,).
+    The area by the shoelace formula is π a b sin(lag) per period (a polygon on the ellipse is short by
+    sin(ΩT)/(ΩT), undone here), the mean product a b cos(lag)/2; their quotient is the tangent of the lag in the right
+    quadrant and, unlike arcsin(area/(π a b)), well conditioned where the lag is 90°.
+    """
+    x = drive - drive.mean(axis=1, keepdims=True)
+    y = torsion - torsion.mean(axis=1, keepdims=True)
+    area = _shoelace(x, y) * (step_rad / np.sin(step_rad)) / periods
+    return wrapped_lag(2.0 / x.shape[1] * np.vecdot(x, y) - 1j * area / np.pi)
+
+
+def _shoelace(x: Array, y: Array) -> Array:
+    """Return ∮ x dy over closed polygons, shape (s,): positive counter-clockwise, as torsion behind drive runs."""
+    inside = np.vecdot(x[:, :-1], y[:, 1:]) - np.vecdot(x[:, 1:], y[:, :-1])
+    return np.asarray(0.5 * (inside + x[:, -1] * y[:, 0] - x[:, 0] * y[:, -1]))
+
+
+def fit_ellipse(motion: xr.Dataset) -> Ellipse:
+    """Return the ellipse of one steady motion (see `sinew.analysis.signal.attitude.steady_motion`).
+
+    The half extents are √2 times the root mean square of each signal, the lag is that of `lissajous_phase`.
+    Raises RecordingError where the recording has no drive.
+    """
+    if "drive" not in motion:
+        raise RecordingError(
+            "a Lissajous figure needs a measured drive and this recording has none; add a drive column"
+        )
+    x, y = motion["drive"].values[None], motion["torsion"].values[None]
+    periods = np.array([float(motion.attrs["periods"])])
+    lag = float(lissajous_phase(x, y, 2.0 * np.pi * periods / x.shape[1], periods)[0])
+    a, b = (float(np.sqrt(2.0) * np.std(z)) for z in (x, y))
+    return Ellipse(a, b, lag, float(np.pi * a * b * np.sin(lag)))

@@ -1,23 +1,27 @@
-"""What every run on a bench needs: port, folder, journal, signals, and how it is told."""
+"""What every run on a bench needs: port, folder, journal, signals, how it is told."""
 
 import shlex
 import shutil
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sinew.apps.console import one_key, option, require_folder
+from sinew.apps.bench.run_control import keeping_time, listening, showing
+from sinew.apps.console import option, require_folder
 from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
+    from sinew.bench.group import DriveLaw
+    from sinew.bench.pretension import Held
     from sinew.bench.record.journal import Journal
     from sinew.bench.run import RunReport
     from sinew.hardware.bus import Clock, Transport
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.plan.plan import Plan
+    from sinew.plan.plan import Group, Plan
     from sinew.plan.rig import RigSpec
 
 Port = Annotated[str, option("PORT", "Serial port of the bench, or of `sinew emulate`.", "--port")]
@@ -44,16 +48,14 @@ def await_port(port: str, seconds: float) -> None:
 def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator[tuple[HardwareRig, Clock]]":
     """Open a port and give (rig, clock); the port is closed in the end. Raises PortError.
 
-    port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
+    port: a serial port, or that of an emulated bench, whose clock is shared where it has one.
     own_time: the computer's clock in any case, for who measures what the computer does.
     """
     from sinew.hardware.bus import MonotonicClock
-    from sinew.hardware.serial_port import LocalPort, SerialPort
-    from sinew.hardware.shared_clock import SharedPort, shared_clock
+    from sinew.hardware.ports import SerialPort, SharedPort, shared_clock
 
     clock: Clock = MonotonicClock()
-    local = Path(port).is_socket()
-    transport: Transport = LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock)
+    transport: Transport = SerialPort(port, spec.wiring.baud, clock)
     try:
         if not own_time and (shared := shared_clock(port)) is not None:
             transport, clock = SharedPort(transport, shared), shared
@@ -88,7 +90,7 @@ def refuse_unfit_folder(folder: Path, resume: bool) -> None:
         raise FileError(f"{folder} holds a {_RECORDING} already, which the run would replace; choose another --out")
 
 
-def refuse_full_disk(folder: Path, plan: "Plan", seconds: float) -> None:
+def _refuse_full_disk(folder: Path, plan: "Plan", seconds: float) -> None:
     """Raise FileError where the disk of a folder has no room for a plan's run of so many seconds."""
     from sinew.measure.errors import FileError
 
@@ -143,7 +145,71 @@ def _clear(folder: Path, there: set[Path], made: Sequence[Path]) -> None:
             place.rmdir()
 
 
-def close_journal(journal: "Journal", report: "RunReport") -> None:
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What the run of a plan needs to know beforehand; see `sinew.bench.run.Runner`.
+
+    tension_n: of each tendon at rest, by pretension [mm]. held: the same of a plan with a pose. law: moves the lever in
+    a group that tracks. duration_s: of the plan [s]. attrs: what else the recording shall carry.
+    """
+
+    tension_n: Mapping[float, float]
+    duration_s: float
+    held: "Mapping[float, Held] | None" = None
+    law: "Callable[[Group, float], DriveLaw] | None" = None
+    attrs: Mapping[str, str] = field(default_factory=dict)
+
+
+def run_plan(
+    bench: "AbstractContextManager[tuple[HardwareRig, Clock]]",
+    plan: "Plan",
+    spec: "RigSpec",
+    out: Path,
+    words: Sequence[str],
+    needs: Callable[[], Needs],
+    *,
+    resume: bool,
+    is_virtual: bool = False,
+) -> dict[str, Any]:
+    """Run a plan, or what is left of it, and return how it ended, as JSON holds it.
+
+    bench: gives rig and clock. out: folder of journal and recording. words: of the command line. needs: finds out what
+    the run needs, when the bench is known to be ready; raises where the plan is refused. is_virtual: the bench's time
+    is not the computer's.
+    """
+    from sinew.bench.preflight import refuse_unready
+    from sinew.bench.run import Runner
+    from sinew.bench.stops import Steering
+
+    with ExitStack() as signals:
+        with bench as (rig, clock):
+            steering = Steering(clock.now, can_pause=plan.track is None)
+            with listening(out, steering) as control:
+                # What the bench lacks is said at once; the runner looks again, for finding out what is needed takes a
+                # while.
+                refuse_unready(rig, clock, plan, torque_may_be_on=resume)
+                known = needs()
+                _refuse_full_disk(out, plan, known.duration_s)
+                attrs = {"source": "emulator" if rig.imu.is_emulated() else "bench", **known.attrs}
+                with (
+                    nullcontext() if is_virtual else keeping_time(),
+                    run_journal(out, plan, spec, words, resume, **attrs) as journal,
+                    showing(tracking=plan.track is not None) as screen,
+                ):
+                    runner = control.runner = Runner(
+                        rig, clock, plan, journal, known.tension_n,
+                        held=known.held, law=known.law, listener=screen, steering=steering,
+                    )  # fmt: skip
+                    signals.enter_context(on_signals(steering.request_stop, steering.request_emergency))
+                    report = runner.run(resume=resume)
+                    _close_journal(journal, report)
+            statistics = rig.bus.statistics
+        recording = _convert_journal(out, report)
+    bus = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
+    return run_document(report, plan, spec, recording, out / JOURNAL) | {"bus": bus}
+
+
+def _close_journal(journal: "Journal", report: "RunReport") -> None:
     """Close the journal of a run that has ended; samples that it could not take make the run incomplete."""
     from sinew.measure.errors import FileError
 
@@ -153,7 +219,7 @@ def close_journal(journal: "Journal", report: "RunReport") -> None:
         report.is_complete, report.sentence = False, str(trouble)
 
 
-def convert_journal(folder: Path, report: "RunReport") -> Path | None:
+def _convert_journal(folder: Path, report: "RunReport") -> Path | None:
     """Make the recording of a run that has ended, and return where it is; without one the run is incomplete."""
     from sinew.bench.record.conversion import convert
     from sinew.measure.errors import SinewError
@@ -168,23 +234,17 @@ def convert_journal(folder: Path, report: "RunReport") -> Path | None:
         return None
 
 
-def source_of(rig: "HardwareRig") -> str:
-    """Return the source of a bench's recordings: emulator where the node on the head says so, else bench."""
-    return "emulator" if rig.imu.is_emulated() else "bench"
-
-
-def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, Any]]:
+def recording_doubts(recording: Path, spec: "RigSpec") -> list[dict[str, Any]]:
     """Analyse a run's recording, leave the results beside it, and return what speaks against it, as JSON holds it;
-    nothing where there is no recording, or nothing in it can be analysed."""
+    nothing where nothing in it can be analysed."""
     from sinew.analysis.doubts import doubts_of
     from sinew.apps.recordings.stored import analyse_into
     from sinew.measure.errors import SinewError
     from sinew.measure.files.netcdf import load_recording
 
-    if recording is None:
-        return []
     try:
-        return doubts_of(analyse_into(recording.parent, load_recording(recording), spec))
+        results = analyse_into(recording.parent, load_recording(recording), spec)
+        return [doubt.to_dict() for doubt in doubts_of(results)]
     except SinewError:
         return []
 
@@ -217,17 +277,6 @@ def on_signals(
     return signals_to(handle, names)
 
 
-def goes_on_by_key(document: Mapping[str, Any]) -> bool:
-    """Return whether a run that a pause of the computer ended is to go on: whoever sits at the terminal presses r.
-
-    document: of `run_document`. The bench is at rest in its safe state for as long as that takes; nobody is asked where
-    it is not, or where there is no terminal.
-    """
-    if not (document["ended_by_pause"] and document["is_safe"]):
-        return False
-    return one_key("the computer paused, the bench is at rest: press r to go on, any other key to end") == "r"
-
-
 def run_document(
     report: "RunReport", plan: "Plan", spec: "RigSpec", recording: Path | None, journal: Path
 ) -> dict[str, Any]:
@@ -258,12 +307,7 @@ def run_document(
             "samples_lost": report.lost_samples,
             "worst_late_ms": 1e3 * cycles.worst_late_s,
         },
-        "wire": {
-            "cycle_ms": round(1e3 * report.wire_s, 3),
-            "period_ms": round(1e3 / plan.sample_hz, 3),
-            "reads": report.reads.kind if report.reads is not None else "plain",
-            "why_not_fast": report.reads.why if report.reads is not None else "",
-        },
+        "wire": {"cycle_ms": round(1e3 * report.wire_s, 3), "period_ms": round(1e3 / plan.sample_hz, 3)},
         "journal": str(journal),
         "recording": str(recording) if recording is not None else None,
     }
@@ -286,8 +330,7 @@ def print_run(document: dict[str, Any]) -> None:
         f"the latest began {cycles['worst_late_ms']:.1f} ms late"
     )
     wire = document["wire"]
-    print(f"{wire['cycle_ms']:.2f} ms of each {wire['period_ms']:.2f} ms on the wire, {wire['reads']} reads", end="")
-    print(f" ({wire['why_not_fast']})" if wire["why_not_fast"] else "")
+    print(f"{wire['cycle_ms']:.2f} ms of each {wire['period_ms']:.2f} ms on the wire")
     if left_out := cycles["stale"] + cycles["impossible"]:
         print(
             f"{left_out} readings are left out: {cycles['stale']} came late, of an earlier cycle, "

@@ -1,10 +1,10 @@
 """`sinew doctor`: the examination of a bench, and what to do about it; and the guide from an empty rig."""
 
 import shlex
-import socket
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,15 +17,12 @@ if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
     from sinew.bench.guide import Step
     from sinew.hardware.bus import Bus, Clock
+    from sinew.hardware.ports import LatencyTimer
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.serial_port import LatencyTimer
     from sinew.plan.rig import RigSpec
 
 
-_COLUMNS = ("", "device", "found", "expected", "what to do")
-_WORDS = {"ok": "ok", "note": "note", "warning": "warning", "fault": "FAULT"}
-_SAMPLE_HZ = 200.0
-_PIPE_WIDTH = 200
+_LED = {"ok": "  ok   ", "note": "  NOTE ", "warning": "  WARN ", "fault": "  FAULT"}
 
 
 def doctor(
@@ -44,12 +41,12 @@ def doctor(
     wait: Wait = 0.0,
     json: Json = False,
 ) -> int:
-    """Examine a bench: who answers, in what state, and how fast; each finding with what to do.
+    """Examine a bench: who answers, in what state, how fast.
 
-    Nothing moves and no torque is switched on. With --fix safe settings are written, to motors whose torque is off:
-    return delay, answers, limits not wider than the rig's, no homing offset, the reboot of a motor that has shut down,
-    and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
-    be opened.
+    Each finding says what to do. Nothing moves and no torque is switched on. With --fix safe settings are written,
+    to motors whose torque is off: return delay, answers, limits not wider than the rig's, no homing offset, the
+    reboot of a motor that has shut down, and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no
+    fault, 1 a fault remains, 2 the port cannot be opened.
 
     With --guide motors move, a little and one at a time: steps devices (ids and bauds, motors plugged in one by one),
     settings, board, lever, tendons (which is which, and its sense), constants, check. FILE holds what is found after
@@ -57,7 +54,7 @@ def doctor(
     all motors are without torque then, as they are behind every step. Exit status: 0 all found, 1 ended early.
     """
     from sinew.bench.doctor import apply_fixes, list_fixes
-    from sinew.hardware.serial_port import find_latency_timer
+    from sinew.hardware.ports import find_latency_timer
     from sinew.measure.errors import SpecError
     from sinew.plan.toml import load_rig
 
@@ -89,7 +86,7 @@ def doctor(
 
 def _only_port() -> str:
     """Return the serial port of this computer where there is one alone. Raises PortError."""
-    from sinew.hardware.serial_port import list_ports
+    from sinew.hardware.ports import list_ports
     from sinew.measure.errors import PortError
 
     found = list_ports()
@@ -106,15 +103,15 @@ def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":
 
 def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer | None") -> "list[Finding]":
     """Return all findings; the port is closed in between where other bauds must be tried."""
-    from sinew.bench.doctor import call_roll, examine_port, search_bauds
-    from sinew.hardware.serial_port import is_ftdi
+    from sinew.bench.doctor import call_roll, examine_port, examine_present, search_bauds
+    from sinew.hardware.ports import is_ftdi
 
     findings = examine_port(timer, spec.wiring.baud, wiring_baud, of_ftdi=is_ftdi(port))
     with open_rig(port, spec, own_time=True) as (bench, clock):
         roll = call_roll(bench)
         findings += roll.findings
         if roll.present:
-            findings += _examine_present(bench, clock, roll)
+            findings += examine_present(bench, clock, roll)
     if roll.missing:
 
         @contextmanager
@@ -125,27 +122,6 @@ def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer 
         remark("not every device answers; looking at the other bauds")
         findings += search_bauds(open_bus, spec.wiring.baud, nobody=not roll.present)
     return findings
-
-
-def _examine_present(bench: "HardwareRig", clock: "Clock", roll: Any) -> "list[Finding]":
-    from sinew.bench.doctor import (
-        examine_bus,
-        examine_chip,
-        examine_imu,
-        examine_loop,
-        examine_motors,
-        examine_wire,
-        time_loop,
-    )
-
-    findings = examine_motors(bench, roll)
-    times = None
-    if bench.imu.name in roll.present:
-        findings += examine_chip(bench) + examine_imu(bench, clock)
-    if roll.is_complete:
-        times = time_loop(bench, clock)
-        findings += examine_loop(times, _SAMPLE_HZ)
-    return findings + examine_wire(bench, _SAMPLE_HZ) + examine_bus(bench, times)
 
 
 def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
@@ -186,9 +162,11 @@ def _row(finding: "Finding") -> dict[str, Any]:
 
 
 def _print(findings: "Sequence[Finding]", written: "Sequence[Finding]") -> None:
-    if written:
-        _print_table("written", written)
-    _print_table("findings", findings)
+    for title, rows in (("written", written), ("findings", findings)):
+        if rows:
+            print(title)
+        for row in _same_together(rows):
+            print(f"{_LED[row.severity]} {row}")
     faults = sum(finding.severity == "fault" for finding in findings)
     fixable = sum(finding.fixable for finding in findings)
     warnings = sum(finding.severity == "warning" for finding in findings)
@@ -200,29 +178,12 @@ def _many(count: int, word: str) -> str:
     return f"{count or 'no'} {word}{'' if count == 1 else 's'}"
 
 
-def _same_together(findings: "Sequence[Finding]") -> dict[tuple[str, str, str, str], list[str]]:
-    """Return the subjects of equal findings by what they share, in the order of first mention."""
-    together: dict[tuple[str, str, str, str], list[str]] = {}
+def _same_together(findings: "Sequence[Finding]") -> "list[Finding]":
+    """Return equal findings as one with all their subjects, in the order of first mention."""
+    together: dict[Finding, list[str]] = {}
     for row in findings:
-        together.setdefault((row.severity, row.found, row.expected, row.advice), []).append(row.subject)
-    return together
-
-
-def _print_table(title: str, findings: "Sequence[Finding]") -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
-    for column in _COLUMNS:
-        table.add_column(column, overflow="fold")
-    for (severity, found, expected, advice), subjects in _same_together(findings).items():
-        table.add_row(*map(Text, (_WORDS[severity], ", ".join(subjects), found, expected, advice)))
-    console = Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
-    console.print(Text(title, style="bold"))
-    console.print(table)
-    console.print()
+        together.setdefault(replace(row, subject="", fix=None), []).append(row.subject)
+    return [replace(row, subject=", ".join(subjects)) for row, subjects in together.items()]
 
 
 # ---- `sinew doctor --guide`: from an empty rig to a rig file and a first run, step by step with who is at the bench
@@ -230,9 +191,6 @@ def _print_table(title: str, findings: "Sequence[Finding]") -> None:
 
 FIRST_PLAN = "first"
 """What is proposed to be run behind the guide."""
-
-_LED = {"ok": "  ok   ", "note": "  NOTE ", "warning": "  WARN ", "fault": "  FAULT"}
-_HANDS_S = 5.0  # for an emulated bench to do what a person would
 
 
 def _guide(
@@ -253,9 +211,9 @@ def _guide(
     """
     from sinew.bench.guide import STEPS, Guide, lead
     from sinew.bench.stops import Steering
-    from sinew.hardware.serial_port import find_latency_timer
+    from sinew.hardware.ports import find_latency_timer
     from sinew.measure.errors import SpecError, StoppedError
-    from sinew.plan.toml import load_rig, save_rig
+    from sinew.plan.toml import load_rig, read_spec, save_rig
 
     names = [one.name for one in STEPS]
     for word, name in (("--step", step), ("--from", start)):
@@ -263,8 +221,6 @@ def _guide(
             raise SpecError(f"found {word} {name}, expected one of {', '.join(names)}")
     if step is not None and start is not None:
         raise SpecError("found --step and --from, expected one of them: only that step, or all from that one on")
-    if Path(port).is_socket():
-        raise SpecError(f"{port} is a socket, which has no baud to set; leave --socket out of `sinew emulate`")
     writable_file(out)  # the guide goes on from what it found before
     spec = load_rig(out if out.exists() else rig)
     first = names.index(step or start or names[0])
@@ -276,7 +232,9 @@ def _guide(
 
     def keep(known: "RigSpec") -> None:
         notes[:] = [f"{note.subject}: {note.found}" for note in led.notes]
-        save_rig(known.model_copy(update={"name": out.stem}), out, ["found by sinew doctor --guide", *notes])
+        head = ["found by sinew doctor --guide", *notes]
+        like = read_spec("rigs", out) if out.exists() else ""
+        save_rig(known.model_copy(update={"name": out.stem}), out, head, like)
 
     @contextmanager
     def opened(known: "RigSpec") -> "Iterator[tuple[HardwareRig, Clock]]":
@@ -307,16 +265,7 @@ def _guide(
                 "ok": well,
                 "ended": ended,
                 "step": at,
-                "findings": [
-                    {
-                        "severity": one.severity,
-                        "subject": one.subject,
-                        "found": one.found,
-                        "expected": one.expected,
-                        "what_to_do": one.advice,
-                    }
-                    for one in told
-                ],
+                "findings": [_row(one) for one in told],
                 "next": then,
             }
         )
@@ -343,18 +292,15 @@ def _again(then: str, step: str) -> str:
 
 
 class Asked:
-    """The person at the terminal; on an emulated bench its hands do what is asked.
+    """The person at the terminal; an emulated bench that shares its clock does itself what is asked.
 
     told: takes what is found. check: raises where it is to end. yes: asks nobody, agrees to all, repeats nothing.
     loud: says on stdout what it is told. step: what it is at.
     """
 
     def __init__(self, port: str, told: "list[Finding]", check: Any, *, yes: bool, loud: bool) -> None:
-        self._told, self._check, self._yes, self._loud = told, check, yes, loud
-        hands = Path(port + ".hands")
-        self._hands = hands if hands.is_socket() else None
+        self._port, self._told, self._check, self._yes, self._loud = port, told, check, yes, loud
         self.step = ""
-        self._number = 0
 
     def begin(self, step: "Step") -> None:
         self.step = step.name
@@ -362,19 +308,20 @@ class Asked:
 
     def tell(self, finding: "Finding") -> None:
         self._told.append(finding)
-        expected = f" (expected {finding.expected})" if finding.expected else ""
-        advice = f"; {finding.advice}" if finding.advice else ""
-        self._say(f"{_LED[finding.severity]} {finding.subject}: {finding.found}{expected}{advice}")
+        self._say(f"{_LED[finding.severity]} {finding}")
 
-    def do(self, words: str, act: str) -> None:
+    def do(self, words: str, act: int) -> None:
+        from sinew.hardware.ports import shared_clock
+
         asked = f"  {words[0].upper()}{words[1:]}"
         if self._yes:
             self._say(asked)
         else:
             self._ask(f"{asked}, then press Enter: ")
         self._check()
-        if self._hands is not None:
-            _do_by_hands(self._hands, act)
+        if (clock := shared_clock(self._port)) is not None:
+            with closing(clock):
+                clock.do(act)
 
     def agrees(self, question: str) -> bool:
         return self._yes or self._ask(f"  {question[0].upper()}{question[1:]}? [Y/n] ").lower() in ("", "y", "yes")
@@ -405,21 +352,3 @@ class Asked:
     def _say(self, sentence: str) -> None:
         if self._loud:
             print(sentence, flush=True)
-
-
-def _do_by_hands(hands: Path, act: str) -> None:
-    """Have an emulated bench's hands do something. Raises PortError where they do not answer, or cannot."""
-    from sinew.measure.errors import PortError
-
-    answer = b""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
-        asking.settimeout(_HANDS_S)
-        try:
-            asking.connect(str(hands.resolve()))
-            asking.sendall(act.encode() + b"\n")
-            while not answer.endswith(b"\n") and (more := asking.recv(1024)):
-                answer += more
-        except OSError as trouble:
-            raise PortError(f"the hands at {hands} do not answer ({trouble}); is the emulator running?") from trouble
-    if answer != b"done\n":
-        raise PortError(f"the hands at {hands} said {answer.decode(errors='replace').strip()!r}, expected done")

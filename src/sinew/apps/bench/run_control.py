@@ -2,8 +2,8 @@
 
 DIR/control holds the socket's path; the socket lies in a folder that only its owner may enter. One line of JSON each
 way: {"command": ..., "folder": [device, inode]} and {"ok": ..., "sentence": ..., "state": {...}}. A folder may be
-planted by others, or copied with all that lies in it. So the file, the socket and the process behind it must be our
-own, and a run carries out what is meant for its folder alone.
+planted by others, or copied with all that lies in it. So the file, the socket and its folder must be our own, and a run
+carries out what is meant for its folder alone.
 """
 
 import gc
@@ -11,8 +11,8 @@ import json
 import os
 import shutil
 import socket
+import socketserver
 import stat
-import struct
 import sys
 import tempfile
 import threading
@@ -20,14 +20,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, cast
 
 from sinew.apps.console import progress_bar, remark
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.events import Ended, Event, Health, Track
 
 if TYPE_CHECKING:
-    from sinew.bench.record.sample import Stream
     from sinew.bench.run import Runner
     from sinew.bench.stops import Steering
 
@@ -40,8 +40,9 @@ CONTROL = "control"
 
 _MOST_BYTES = 4096
 _PATIENCE_S = 0.2  # for a client that says nothing, or reads nothing
+_LOOK_S = 0.05  # until the server of commands sees that its run is over
+_WRITTEN_S = 2.0  # for what waits to be shown at the end
 _FROZEN_S = 0.12  # whoever asks for an emergency stop acts himself after 0.15 s
-_MOST_CLIENTS = 16
 _LONGEST_PATH = 100  # a Unix socket's has at most 107 bytes
 _PREFIX = "sinew-"
 _REASONS = {"stop": "stopped", "hold": "stopped, to hold,", "release": "stopped, to release,"}
@@ -52,24 +53,21 @@ class ControlError(SinewError):
 
 
 def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
-    """Return what the run in a folder answers to a command: ok, sentence, state; peer: the number of its process.
+    """Return what the run in a folder answers to a command: ok, sentence, state.
 
-    command: one of `COMMANDS`. timeout_s: for connecting, asking and the answer together [s].
+    command: one of `COMMANDS`. timeout_s: for connecting, and for the answer [s].
     Raises ControlError where nobody listens, who listens is not ours or runs in another folder, or no answer comes in
     time.
     """
-    end = time.monotonic() + timeout_s
     try:
         where = _own_socket(own_text(folder / CONTROL))
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
             line.settimeout(timeout_s)
             line.connect(where)
-            user, pid = _peer(line)
-            if user != os.geteuid():
-                raise PermissionError("who listens there is somebody else's process")
             asked = {"command": command, "folder": _place(folder)}
             line.sendall(json.dumps(asked).encode() + b"\n")
-            answer = json.loads(_read_line(line, end))
+            with line.makefile("rb") as answered:
+                answer = json.loads(answered.readline(_MOST_BYTES))
     except (OSError, ValueError) as error:
         raise ControlError(
             f"no run in {folder} answers to {command} ({error}); see whether it goes on, else `sinew stop`"
@@ -78,7 +76,7 @@ def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str
         raise ControlError(f"the run in {folder} answered {answer!r} to {command}, expected an object")
     if answer.get("elsewhere") is True:
         raise ControlError(f"no run in {folder} answers to {command}: its {CONTROL} leads to a run in another folder")
-    return {**answer, "peer": pid}
+    return answer
 
 
 def own_text(file: Path) -> str:
@@ -98,19 +96,6 @@ def _own_socket(where: str) -> str:
     if not (is_private and stat.S_ISSOCK(about.st_mode) and {folder.st_uid, about.st_uid} == {os.geteuid()}):
         raise PermissionError(f"{where[:200]} is no socket of a run of our own")
     return where
-
-
-def _peer(line: socket.socket) -> tuple[int, int]:
-    """Return (user, process) at the other end of a connected Unix socket, as the system knows them."""
-    if sys.platform == "linux":
-        pid, user, _ = struct.unpack(
-            "3i", line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-        )
-        return user, pid
-    # macOS: LOCAL_PEERCRED gives version, user, and groups; LOCAL_PEERPID the process. Both at level SOL_LOCAL, 0.
-    _, user = struct.unpack_from("Ii", line.getsockopt(0, 1, 76))
-    (pid,) = struct.unpack("i", line.getsockopt(0, 2, 4))
-    return user, pid
 
 
 def _place(folder: Path) -> list[int]:
@@ -217,18 +202,14 @@ def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
         _refuse_other(folder)
     private = _private_folder()
     try:
-        # Held until this process ends, however that comes: by it others know that the folder is in use.
-        with _held(private), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
-            server.bind(str(private / CONTROL))
-            server.listen(_MOST_CLIENTS)
+        with _Server(private / CONTROL, control.carry_out) as server:
             _announce(folder, private / CONTROL)
-            here = _place(folder)
-            threading.Thread(target=_serve, args=(server, control.carry_out, here), name="control", daemon=True).start()
+            server.place = _place(folder)
+            threading.Thread(target=server.serve_forever, args=(_LOOK_S,), name="control", daemon=True).start()
             try:
                 yield control
             finally:
-                with suppress(OSError):  # what wakes the thread that accepts
-                    server.shutdown(socket.SHUT_RDWR)
+                server.shutdown()
     finally:
         with suppress(OSError):
             (folder / CONTROL).unlink()
@@ -239,17 +220,18 @@ def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
 
 
 def _refuse_other(folder: Path) -> None:
+    """Raise FileError where a run listens in a folder; of one that was killed the socket is cleared away."""
     try:
         send_control(folder, "status")
     except ControlError:
+        with suppress(OSError):
+            forget_socket(Path(_own_socket(own_text(folder / CONTROL))))
         return
     raise FileError(f"another run is under way in {folder}; wait until it has ended, or choose another --out")
 
 
 def _private_folder() -> Path:
-    """Return a new folder for a socket; folders of runs that were killed are cleared away first."""
-    for root in {Path(tempfile.gettempdir()), Path("/tmp")}:
-        _clear_left(root)
+    """Return a new folder for a socket, which only its owner may enter."""
     private = Path(tempfile.mkdtemp(prefix=_PREFIX))
     if len(os.fsencode(private / CONTROL)) > _LONGEST_PATH:
         private.rmdir()
@@ -257,51 +239,17 @@ def _private_folder() -> Path:
     return private
 
 
-@contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Hold a lock on a folder."""
-    import fcntl  # POSIX alone has it
-
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _clear_left(root: Path) -> None:
-    """Remove the folders below a folder that hold nothing but the socket of a run of ours which is gone."""
-    for place in root.glob(f"{_PREFIX}*"):
-        forget_socket(place / CONTROL)
-
-
 def forget_socket(path: Path) -> None:
-    """Remove a socket and its folder, if both are ours, nothing else is there, and the process that made it is gone."""
-    import fcntl  # POSIX alone has it
-
-    with suppress(OSError):
-        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        try:
-            is_ours = os.fstat(handle).st_uid == os.geteuid() and path.parent.name.startswith(_PREFIX)
-            if not is_ours or [one.name for one in path.parent.iterdir()] != [path.name]:
-                return
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if stat.S_ISSOCK(os.lstat(path.name, dir_fd=handle).st_mode) and not _listens(path):
-                os.unlink(path.name, dir_fd=handle)
+    """Remove a socket of ours and its folder, unless something else is there, or somebody listens."""
+    with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        is_ours = path.parent.name.startswith(_PREFIX) and path.parent.lstat().st_uid == os.geteuid()
+        if is_ours and [one.name for one in path.parent.iterdir()] == [path.name]:
+            line.settimeout(_PATIENCE_S)
+            try:
+                line.connect(str(path))
+            except ConnectionRefusedError:
+                path.unlink()
                 path.parent.rmdir()
-        finally:
-            os.close(handle)
-
-
-def _listens(path: Path) -> bool:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.settimeout(_PATIENCE_S)
-        try:
-            line.connect(str(path))
-        except ConnectionRefusedError:
-            return False
-        return True
 
 
 def _announce(folder: Path, path: Path) -> None:
@@ -316,120 +264,98 @@ def _announce(folder: Path, path: Path) -> None:
         ) from error
 
 
-_Answer = Callable[[str], dict[str, Any]]
+class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
+    """Takes clients at a socket's path, each in a thread of its own, so that none that is silent holds up another."""
+
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = 16
+
+    def __init__(self, path: Path, answer: Callable[[str], dict[str, Any]]) -> None:
+        self.address_family = socket.AF_UNIX  # as socketserver's own, which Windows has not
+        self.answer = answer
+        self.place: list[int] = []
+        super().__init__(cast("Any", str(path)), _Client)
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Do nothing: a client has left, or says nothing."""
 
 
-def _serve(server: socket.socket, answer: _Answer, place: list[int]) -> None:
-    """Take clients, each in a thread of its own, so that none that is silent holds up another."""
-    places = threading.BoundedSemaphore(_MOST_CLIENTS)
-    while True:
+class _Client(socketserver.StreamRequestHandler):
+    """Reads one command and answers it; what is no command is refused by name."""
+
+    server: _Server
+    timeout = _PATIENCE_S
+
+    def handle(self) -> None:
         try:
-            client, _ = server.accept()
-        except OSError:
-            return
-        if not places.acquire(blocking=False):
-            client.close()
-            continue
-        given = (client, answer, place, places)
-        threading.Thread(target=_attend, args=given, name="control client", daemon=True).start()
-
-
-def _attend(client: socket.socket, answer: _Answer, place: list[int], places: threading.BoundedSemaphore) -> None:
-    with client:
-        try:
-            client.settimeout(_PATIENCE_S)
-            command, meant = _asked(client)
-            if meant in (None, place):
-                said = answer(command)
-            else:
-                said = {
-                    "ok": False,
-                    "elsewhere": True,
-                    "sentence": "this is the run of another folder; nothing was done",
-                }
-            client.sendall(json.dumps(said).encode() + b"\n")
-        except OSError:
-            pass  # it has left, or says nothing
-        finally:
-            places.release()
-
-
-def _asked(client: socket.socket) -> tuple[str, object]:
-    """Return (command, folder that it is meant for); what is no command is returned as text, to be refused by name."""
-    line = _read_line(client, time.monotonic() + _PATIENCE_S)
-    try:
-        asked = json.loads(line)
-    except ValueError:
-        return "(not JSON)", None
-    if not isinstance(asked, dict):
-        return "(none)", None
-    command = asked.get("command")
-    return command if isinstance(command, str) else "(none)", asked.get("folder")
-
-
-def _read_line(line: socket.socket, end: float) -> bytes:
-    """Return what comes before the first line end, 4 KB at most. Raises OSError after a time (monotonic) [s]."""
-    got = b""
-    while b"\n" not in got and len(got) < _MOST_BYTES:
-        left = end - time.monotonic()
-        if left <= 0:
-            raise TimeoutError("no whole line in time")
-        line.settimeout(left)
-        data = line.recv(_MOST_BYTES - len(got))
-        if not data:
-            break
-        got += data
-    return got.partition(b"\n")[0]
+            asked = json.loads(self.rfile.readline(_MOST_BYTES))
+        except ValueError:
+            asked = None
+        command, meant = (asked.get("command"), asked.get("folder")) if isinstance(asked, dict) else (None, None)
+        if meant in (None, self.server.place):
+            said = self.server.answer(command if isinstance(command, str) else "(none)")
+        else:
+            sentence = "this is the run of another folder; nothing was done"
+            said = {"ok": False, "elsewhere": True, "sentence": sentence}
+        self.wfile.write(json.dumps(said).encode() + b"\n")
 
 
 # A run is shown on stderr while it goes on.
 
 
-@contextmanager
-def showing(*, tracking: bool = False) -> "Iterator[Stream]":
-    """Give what shows a run's events: remarks, and on a terminal a bar, or the state of a run that tracks.
+class Screen:
+    """Shows a run's events on stderr: remarks, and on a terminal a bar, or the state of a run that tracks; a Listener.
 
     Another thread writes: a terminal that is stopped (Ctrl-S) holds up whoever writes to it, and one that is closed
     raises, neither of which may reach the bench's cycle.
     """
-    from sinew.bench.record.sample import Stream
-
-    with nullcontext() if tracking else progress_bar("run") as bar:
-        writer = _Writer(bar)
-        stream = Stream([writer], takes_samples=False)
-        try:
-            yield stream
-        finally:
-            stream.close()
-            writer.end_line()
-
-
-class _Writer:
-    """Writes what happens besides samples, and a tracking state on a line of its own; a Listener."""
 
     def __init__(self, bar: Callable[[float, float], None] | None) -> None:
-        self._bar, self._has_line = bar, False
+        self._bar = bar
+        self._waiting: SimpleQueue[Event | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="screen", daemon=True)
+        self._thread.start()
 
     def on_sample(self, sample: Any) -> None:
         """Do nothing."""
 
     def on_event(self, event: Event) -> None:
-        """Write an event, or a state in the place of the last one."""
-        if isinstance(event, Health) and self._bar is not None:
-            self._bar(event.done_s, event.total_s)
-        elif isinstance(event, Track) and sys.stderr.isatty():
-            sys.stderr.write(f"\r\x1b[2K{event}")
-            sys.stderr.flush()
-            self._has_line = True
-        elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
-            self.end_line()
-            remark(str(event))
+        """Have an event shown."""
+        self._waiting.put(event)
 
-    def end_line(self) -> None:
-        """Leave the state on its line, and begin another."""
-        if self._has_line:
-            sys.stderr.write("\n")
-            self._has_line = False
+    def close(self) -> None:
+        """Have shown what waits; what takes longer than 2 s is left behind."""
+        self._waiting.put(None)
+        self._thread.join(_WRITTEN_S)
+
+    def _write(self) -> None:
+        """Write events as they come: a tracking state in the place of the last one, the others on lines."""
+        has_line = False
+        with suppress(OSError, ValueError):  # of a terminal that was closed
+            while (event := self._waiting.get()) is not None:
+                if isinstance(event, Health) and self._bar is not None:
+                    self._bar(event.done_s, event.total_s)
+                elif isinstance(event, Track) and sys.stderr.isatty():
+                    sys.stderr.write(f"\r\x1b[2K{event}")
+                    sys.stderr.flush()
+                    has_line = True
+                elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
+                    sys.stderr.write("\n" * has_line)
+                    has_line = False
+                    remark(str(event))
+            sys.stderr.write("\n" * has_line)
+
+
+@contextmanager
+def showing(*, tracking: bool = False) -> "Iterator[Screen]":
+    """Give what shows a run's events. tracking: without a bar."""
+    with nullcontext() if tracking else progress_bar("run") as bar:
+        screen = Screen(bar)
+        try:
+            yield screen
+        finally:
+            screen.close()
 
 
 # A loop that must keep time gets the computer to itself, as far as the system lets it.

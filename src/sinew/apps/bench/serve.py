@@ -2,7 +2,6 @@
 
 import importlib.util
 import json as json_
-import os
 import re
 import signal
 import socket
@@ -10,9 +9,7 @@ import stat
 import sys
 import threading
 import time
-import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import quote
@@ -28,7 +25,6 @@ _LOOK_S = 0.05
 _TOKEN = re.compile(r"[!-~]{20,200}")
 _ADDRESS = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+):([0-9]{1,5})")
 _ANY = ("0.0.0.0", "::")
-_OPENS = "open.html"
 
 
 def serve(
@@ -39,19 +35,18 @@ def serve(
     http: Annotated[str, option("HOST:PORT", "Where the pages are served.")] = "127.0.0.1:8080",
     steering_port: Annotated[int | None, option("PORT", "Port of the commands; else PORT+1.", min=1, max=65535)] = None,
     host: Annotated[
-        list[str] | None, option("NAME", "A name under which a proxy brings browsers; may be repeated.")
+        list[str] | None, option("NAME", "A name under which a reverse proxy brings browsers; may be repeated.")
     ] = None,
     token_file: Annotated[Path | None, option("FILE", "Take the token from a file, not a new one.")] = None,
-    no_browser: Annotated[bool, flag("--no-browser", "Print the address and open no browser.")] = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
-    """Open the dashboard of a bench in the browser: watch, steer and compare runs, until interrupted.
+    """Serve the dashboard of a bench to browsers.
 
-    Prints an address that ends in a token: whoever opens it may steer. On a terminal of a computer with a screen, the
-    browser opens it by itself. Without --port-bench and --emulate past runs
-    can be looked at and no run begun. Ctrl-C or SIGTERM end it: a run on a real bench goes on, one on the emulated
-    bench is stopped first; a second Ctrl-C does not wait. SIGQUIT (Ctrl-\\) is the emergency stop.
+    Watch, steer and compare runs, until interrupted. Prints an address that ends in a token: whoever opens it may
+    steer. Without --port-bench and --emulate past runs can be looked at and no run begun. Ctrl-C or SIGTERM end it, a
+    run first, which goes on later with `sinew run --resume`; a second Ctrl-C does not wait. SIGQUIT (Ctrl-\\) is the
+    emergency stop.
     """
     from sinew.measure.errors import SpecError
 
@@ -76,40 +71,23 @@ def serve(
             f"and use ssh -L {access.port}:127.0.0.1:{access.port} -L {settings.steering_port}:127.0.0.1:"
             f"{settings.steering_port}, or a proxy with TLS"
         )
-    steward = Steward(settings)
+    steward, over = Steward(settings), threading.Event()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was begun is ended
-    _look_after(steward, access, as_json=json, opens=not (no_browser or json) and _has_screen())
-
-
-def _look_after(steward: "Steward", access: "Access", *, as_json: bool, opens: bool) -> None:
-    """Serve until a signal ends it, and say what goes on. opens: whether a browser is to open the page."""
-    over = threading.Event()
 
     def end(*_: Any) -> None:
         (steward.hurry if over.is_set() else over).set()
 
     with steward:
         # A handler runs between any two steps of this thread, so it takes no lock: the order is given by another.
-        for number, handler in {
-            signal.SIGINT: end,
-            signal.SIGTERM: end,
-            signal.SIGHUP: end,
-            signal.SIGQUIT: lambda *_: threading.Thread(target=_stop_bench, args=(steward,)).start(),
-        }.items():
-            signal.signal(number, handler)
-        with suppress(OSError):  # of one that was ended by force
-            (steward.settings.runs / _OPENS).unlink(missing_ok=True)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, end)
+        signal.signal(signal.SIGQUIT, lambda *_: threading.Thread(target=_stop_bench, args=(steward,)).start())
         _await_page(steward, over)
-        url = _say_ready(steward, access, as_json=as_json)
-        with opened(url, steward.settings.runs) if opens and steward.page_state == "up" else nullcontext():
-            steward.await_bench(over)
-            while not over.wait(_LOOK_S * 10):
-                pass
-        left = steward.run_left()
-        if left is not None and steward.settings.bench == "emulator":
-            remark(f"the run {left[0]} is stopped, then the emulator; Ctrl-C again does not wait")
-    if left is not None and steward.settings.bench != "emulator":
-        remark(f"the run {left[0]} goes on; `sinew serve` finds it again, `kill -INT {left[1]}` stops it")
+        _say_ready(steward, access, as_json=json)
+        steward.await_bench(over)
+        over.wait()
+        if (left := steward.run_left()) is not None:
+            remark(f"the run {left} is stopped; Ctrl-C again does not wait")
 
 
 def _stop_bench(steward: "Steward") -> None:
@@ -125,36 +103,7 @@ def _await_page(steward: "Steward", over: threading.Event) -> None:
         remark(f"the page does not come up, the commands do; see {steward.settings.runs / '.bench' / 'page.log'}")
 
 
-def _has_screen() -> bool:
-    """Return whether a browser that is opened here is seen by who reads our terminal."""
-    if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
-        return False
-    return sys.platform in ("darwin", "win32") or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
-
-
-@contextmanager
-def opened(url: str, runs: Path) -> Iterator[None]:
-    """Have the browser open an address that holds a token, and show it to nobody else.
-
-    The address would stand in the list of processes, which others can read. So the browser is given a file that only
-    its owner can read, in the folder of the runs, and that leads on; the file goes away at the end.
-    """
-    page = runs.absolute() / _OPENS
-    script = f"<script>location = {json_.dumps(url)}</script>"
-    with suppress(OSError):  # the address is printed all the same
-        page.unlink(missing_ok=True)
-        with os.fdopen(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-            file.write(f'<!doctype html>\n<meta charset="utf-8">\n<title>Sinew</title>\n{script}\n')
-        threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            page.unlink(missing_ok=True)
-
-
-def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> str:
-    """Print the address, and return it."""
+def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
     settings = steward.settings
     name = socket.gethostname() if access.host in _ANY else f"[{access.host}]" if ":" in access.host else access.host
     url = f"http://{name}:{access.port}/#token={quote(access.token, safe='')}"
@@ -165,13 +114,12 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> str:
     else:
         print(url)
     sys.stdout.flush()
-    return url
 
 
 def _refuse_without_packages() -> None:
     from sinew.measure.errors import SinewError, how_to_install
 
-    needed = ("nicegui", "starlette", "uvicorn", "itsdangerous", "psutil")
+    needed = ("nicegui", "starlette", "uvicorn", "itsdangerous")
     lacking = [name for name in needed if importlib.util.find_spec(name) is None]
     if lacking:
         raise SinewError(

@@ -1,35 +1,22 @@
-"""`sinew stream`: a run as it goes, over a web socket to Foxglove and PlotJuggler."""
+"""`sinew export --to foxglove`: a run as it goes, over a web socket to Foxglove and PlotJuggler."""
 
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, option
 from sinew.measure.errors import FileError
 
 _LOOK_S = 0.05
 
 
-def stream(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, under way or over, or its journal.")],
-    port: Annotated[
-        int, option("N", "Port of the web socket on this machine; 0 takes a free one.", "--ws-port")
-    ] = 8765,
-    back: Annotated[float, option("S", "Send first what was measured so long before.", "--back-s")] = 10.0,
-    until_end: Annotated[
-        bool, typer.Option("--until-end/--wait", help="Leave when the run is over, or go on until Ctrl-C.")
-    ] = False,
-    json: Json = False,
-) -> None:
-    """Stream a run to Foxglove and PlotJuggler as it goes, over Foxglove's web socket, on this machine only.
+def stream_run(run: Path, port: int, back: float, *, until_end: bool, json: bool) -> None:
+    """Stream a run to Foxglove and PlotJuggler as it goes, until Ctrl-C, or until its end.
 
-    Channels: /sinew/samples, each cycle's readings in SI as the journal has them; /sinew/shown, torsion, lever, tilt
-    and currents as the dashboard draws them; /sinew/segment, what is being measured; /sinew/log, what happened. Each
-    has a JSON schema. The journal is read beside the run, the bench is never touched, and nothing can be sent back.
+    run: its folder or its journal. port: of the web socket on this machine, 0 for a free one. back: sent first is what
+    was measured so long before [s]. Channels: /sinew/samples, each cycle's readings in SI as the journal has them;
+    /sinew/shown, torsion, lever, tilt and currents as the dashboard draws them; /sinew/segment, what is being measured;
+    /sinew/log, what happened. Each has a JSON schema.
     """
     console.checked_number("--ws-port", port, "0 to 65535", low=0, high=65535)
     console.checked_number("--back-s", back, "0 to 86400", low=0, high=86400)

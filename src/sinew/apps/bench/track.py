@@ -4,7 +4,7 @@ import json as jsonlib
 import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -12,7 +12,6 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.bench import bench_run
-from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import Json, Seed, flag, option
 from sinew.measure.errors import FileError, SpecError
 
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
     from sinew.tune.track import ExpectedBackbone
-
-
-Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
 
 
 def track(
@@ -54,11 +50,12 @@ def track(
     wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
-    """Hold the torsion 90° behind the lever: a phase-locked loop moves the drive's frequency.
+    """Follow a resonance with a phase-locked loop.
 
-    At each pretension, and with each amplitude, that is a point of the backbone, in seconds instead of a sweep. With
-    FROM:TO the pretension moves, within --duration-s, while the lock is kept. With --follow-hz a slower loop moves it
-    within that range, or 0:12, so that the resonance follows a frequency.
+    The torsion is held 90° behind the lever by moving the drive's frequency. At each pretension, and with each
+    amplitude, that is a point of the backbone, in seconds instead of a sweep. With FROM:TO the pretension moves,
+    within --duration-s, while the lock is kept. With --follow-hz a slower loop moves it within that range, or 0:12,
+    so that the resonance follows a frequency.
 
     Samples, journal, limits and the end in the rig's safe state are those of `sinew run`. Motions that were cut off,
     by a killed process too, are measured with --resume; what was to be tracked is in the journal then, and not said
@@ -78,21 +75,21 @@ def track(
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
     words = ["sinew", "track", rig, *where, *_options(asked, fault or ()), "--out", str(out)]
     go_on = shlex.join(["sinew", "track", rig, *where, "--out", str(out), "--resume"])
-    while True:
-        with ExitStack() as stack:
-            bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
-            document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None, resume=resume)
-        document |= found_tracks(document, plan, spec, expected)
-        write_found(document, out)
-        if json:
-            console.print_json(document)
-        else:
-            print_found(document)
-        if not document["complete"]:
-            console.remark(f"{document['ended'] + '; ' if json else ''}go on with: {go_on}")
-        if json or not bench_run.goes_on_by_key(document):
-            return 0 if document["complete"] and document["is_safe"] else 1
-        resume = True
+    if port is not None:
+        bench_run.await_port(port, wait)
+    document = bench_run.run_plan(
+        _emulated(spec, seed, fault or []) if port is None else bench_run.open_rig(port, spec),
+        plan, spec, out, words, lambda: _needs(plan, spec, expected), resume=resume, is_virtual=port is None,
+    )  # fmt: skip
+    document |= found_tracks(document, plan, spec, expected)
+    write_found(document, out)
+    if json:
+        console.print_json(document)
+    else:
+        print_found(document)
+    if not document["complete"]:
+        console.remark(f"{document['ended'] + '; ' if json else ''}go on with: {go_on}")
+    return 0 if document["complete"] and document["is_safe"] else 1
 
 
 def _begun_plan(folder: Path, asked: Mapping[str, object]) -> "tuple[Plan, tuple[ExpectedBackbone, ...]]":
@@ -132,68 +129,26 @@ def _options(asked: Mapping[str, object], faults: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRig, Clock]]":
-    bench_run.await_port(port, wait)
-    with bench_run.open_rig(port, spec) as bench:
-        yield bench
-
-
-@contextmanager
 def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tuple[HardwareRig, Clock]]":
+    from sinew.emulator.bench import VirtualPort, drawn_start, emulated_bench
     from sinew.emulator.faults import parse_fault
-    from sinew.emulator.found import VirtualPort, drawn_start, found_bench
 
     found = [parse_fault(text) for text in faults]
-    port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
+    port = VirtualPort(emulated_bench(spec, drawn_start(spec, seed), seed, found))
     yield bench_run.rig_on(port, port, spec), port
 
 
-def _run(
-    bench: Bench,
-    plan: "Plan",
-    spec: "RigSpec",
-    expected: "Sequence[ExpectedBackbone]",
-    out: Path,
-    words: Sequence[str],
-    signals: ExitStack,
-    *,
-    virtual: bool,
-    resume: bool,
-) -> dict[str, Any]:
-    """Run a plan that tracks and return how it ended, as JSON holds it."""
+def _needs(plan: "Plan", spec: "RigSpec", expected: "Sequence[ExpectedBackbone]") -> bench_run.Needs:
+    """Return what the run of a plan that tracks needs."""
     from sinew.analysis.tracked import BACKBONES_ATTRIBUTE
-    from sinew.bench.preflight import refuse_unready
-    from sinew.bench.run import Runner
-    from sinew.bench.stops import Steering
     from sinew.tune.track import planned_tracker
 
-    held = tensions(plan, spec)
-    bench_run.refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
-    with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
-        refuse_unready(rig, clock, plan, torque_may_be_on=resume)
-        pace = nullcontext() if virtual else keeping_time()
-        backbones = jsonlib.dumps([one.to_json() for one in expected])
-        told = {"source": bench_run.source_of(rig), BACKBONES_ATTRIBUTE: backbones}
-        with (
-            pace,
-            bench_run.run_journal(out, plan, spec, words, resume, **told) as journal,
-            showing(tracking=True) as screen,
-        ):
-            runner = control.runner = Runner(
-                rig,
-                clock,
-                plan,
-                journal,
-                held,
-                listener=screen,
-                steering=steering,
-                law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
-            )
-            signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
-            report = runner.run(resume=resume)
-            bench_run.close_journal(journal, report)
-    recording = bench_run.convert_journal(out, report)
-    return bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
+    return bench_run.Needs(
+        tensions(plan, spec),
+        sum(group.duration_s for group in plan.groups()),
+        law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
+        attrs={BACKBONES_ATTRIBUTE: jsonlib.dumps([one.to_json() for one in expected])},
+    )
 
 
 # The options of `sinew track` become a plan, and what the rig is expected to do.
@@ -346,13 +301,14 @@ def found_tracks(
     document: Mapping[str, Any], plan: "Plan", rig: "RigSpec", expected: "Sequence[ExpectedBackbone]"
 ) -> dict[str, Any]:
     """Return what the recording that a run's document names says of every tracked motion, as JSON holds it."""
-    from sinew.analysis.tracked import tracking_document
+    from sinew.analysis.tracked import Tracking, find_tracking
     from sinew.measure.files.netcdf import load_recording
+    from sinew.measure.result import Rows
 
     if document["recording"] is not None:
-        return tracking_document(load_recording(Path(document["recording"])), rig)
+        return find_tracking(load_recording(Path(document["recording"])), rig).to_dict()
     held = plan.track.held if plan.track is not None else None
-    return {"held": held, "expected": [one.to_json() for one in expected], "tracks": []}
+    return Tracking(held, tuple(one.to_json() for one in expected), Rows()).to_dict()
 
 
 def write_found(document: dict[str, Any], folder: Path) -> None:
@@ -367,11 +323,11 @@ def write_found(document: dict[str, Any], folder: Path) -> None:
 
 def print_found(document: dict[str, Any]) -> None:
     """Print how the run ended, and what was found."""
-    from sinew.analysis.tracked import tracking_told
+    from sinew.analysis.tracked import Tracking
 
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
     bench_run.print_pauses(document)
     print(document["left"])
-    console.print_told(tracking_told(document))
+    console.print_told(Tracking.from_dict(document).blocks())
     print(document["recording"] or "no group is whole, so there is no recording")

@@ -11,13 +11,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 from sinew.apps.bench.bench_run import open_rig
-from sinew.apps.dashboard.run_desk import Control, Run, await_end
+from sinew.apps.dashboard.run_desk import Control, Process, Run, await_end
 from sinew.bench.stops import StopReport, stop
-from sinew.hardware import serial_port as _local_port  # noqa: F401 - open_rig imports it late
-from sinew.hardware import serial_port as _serial_port  # noqa: F401
-from sinew.hardware import shared_clock as _shared_clock  # noqa: F401
+from sinew.hardware import ports as _ports  # noqa: F401 - open_rig imports it late
 from sinew.measure.errors import PortError, SinewError
 from sinew.plan.rig import RigSpec
 
@@ -96,10 +95,13 @@ class Order:
 
 
 class Emergency:
-    """The thread that brings a bench to rest. control: asks a run. rest: stops a bench that no run holds."""
+    """The thread that brings a bench to rest. control: asks a run. rest: stops a bench that no run holds.
 
-    def __init__(self, control: Control, rest: Rest) -> None:
-        self._control, self._rest = control, rest
+    elsewhere: gives the folder of a run that was begun in a terminal and may hold the bench, if any.
+    """
+
+    def __init__(self, control: Control, rest: Rest, elsewhere: Callable[[], Path | None] = lambda: None) -> None:
+        self._control, self._rest, self._elsewhere = control, rest, elsewhere
         self._thread = ThreadPoolExecutor(1, "emergency")
         self._thread.submit(int).result()
         self._lock = threading.Lock()
@@ -142,16 +144,18 @@ class Emergency:
     ) -> tuple[bool, str]:
         before = ""
         if run is not None and run.process.poll() is None:
-            confirmed = self._confirmed(run)
+            confirmed = self._confirmed(run.folder, run.process)
             if confirmed is not None:
                 return True, confirmed
             run.process.send_signal(signal.SIGKILL)
             if not await_end(run.process, _DIES_S):
                 return False, f"the run {run.name} does not end (process {run.process.pid}); switch the supply off"
             before = f"the run {run.name} did not confirm and was ended; "
+        there = self._elsewhere() if run is None else None
+        said = self._ask(there) if there is not None else None
         if port is None:
             return bool(before), f"{before}no bench is connected here, so no motor was told anything"
-        rig = spec if run is None else run.spec
+        rig = spec if run is None else run.specs.rig
 
         def tell_frozen(report: StopReport) -> None:
             if len(report.frozen) == 1 + rig.tendons.count:
@@ -160,25 +164,27 @@ class Emergency:
         try:
             report = self._rest(port, rig, state, tell_frozen, lambda: order.is_emergency)
         except SinewError as trouble:
+            if there is not None and said is not None:  # that run holds the port
+                return said[0], f"the run {there.name}, begun in a terminal: {said[1]}"
             return False, f"{before}{trouble}; switch the supply off"
         return report.is_safe, f"{before}{report.sentence()}"
 
-    def _confirmed(self, run: Run) -> str | None:
+    def _confirmed(self, folder: Path, process: Process) -> str | None:
         """Return what a run says that confirms, else None.
 
         One that does not answer in time has no more; one that does, though a motor has not confirmed to it, goes on
         asking that motor, which is better than to end it.
         """
         end = time.monotonic() + _SETTLES_S
-        while (answer := self._ask(run)) is not None:
+        while (answer := self._ask(folder)) is not None:
             is_safe, sentence = answer
             if is_safe:
                 return sentence
-            if time.monotonic() >= end or await_end(run.process, _AGAIN_S):
+            if time.monotonic() >= end or await_end(process, _AGAIN_S):
                 break
         return None
 
-    def _ask(self, run: Run) -> tuple[bool, str] | None:
+    def _ask(self, folder: Path) -> tuple[bool, str] | None:
         """Return what a run answers within the time it has: whether the motors stand, and a sentence; else None.
 
         Nothing it does can hold us up.
@@ -187,7 +193,7 @@ class Emergency:
 
         def ask() -> None:
             try:
-                answer = self._control(run.folder, "emergency", timeout_s=CONFIRM_S)
+                answer = self._control(folder, "emergency", timeout_s=CONFIRM_S)
                 answers.set_result((answer.get("ok") is True, str(answer.get("sentence", ""))))
             except Exception:  # whatever is wrong with the run, what comes next is its end
                 answers.set_result(None)

@@ -15,15 +15,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import monotonic
 from time import time as wall_clock
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.folders import unlinked
 from sinew.apps.dashboard.judgement import Readings, judged
-from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.work.samples import (
     GAP_S,
     TORSION,
@@ -35,7 +35,7 @@ from sinew.apps.dashboard.work.samples import (
     dumped,
     thin,
 )
-from sinew.apps.dashboard.worker import TooSlowError, Work
+from sinew.apps.dashboard.worker import TooSlowError, Worker
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
@@ -98,7 +98,7 @@ class Live:
 
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
     another run is followed. ring: row 0 is the time of the run [s], 0 at its first sample, the others the channels.
-    played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
+    played: how many samples the viewers may see. tension_n: of each tendon at the newest of them. health: what the
     run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run
     doubts of itself. source: what was measured where that is no real bench, else None. seen: when the newest sample
     came [s since 1970]; None where that is not known, which is as long as all came from before. looked: when the
@@ -115,7 +115,7 @@ class Live:
     rig_toml: str
     groups: int
     played: int = 0
-    latest: dict[str, Any] = field(default_factory=dict)
+    tension_n: list[float] = field(default_factory=list)
     health: dict[str, Any] = field(default_factory=dict)
     events: deque[Told] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
     readings: Readings = field(default_factory=Readings)
@@ -142,7 +142,7 @@ class Hub:
         # A connection of SQLite belongs to its thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._epoch = 0
-        self._ticked = asyncio.Event()
+        self.next_look = asyncio.Event()
         self.live: Live | None = None
         self.steward: Status | None = None
         self.trouble = ""
@@ -177,12 +177,8 @@ class Hub:
         self.live.looked = wall_clock()
         waiting = self.live.ring.count - self.live.played
         self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
-        self._ticked.set()
-        self._ticked = asyncio.Event()  # who waits from now on waits for the next
-
-    async def ticked(self) -> None:
-        """Wait until the journal was looked at once more."""
-        await self._ticked.wait()
+        self.next_look.set()
+        self.next_look = asyncio.Event()  # who waits from now on waits for the next
 
     async def _watch_steward(self) -> None:
         while True:
@@ -197,8 +193,6 @@ class Hub:
         steward = self.steward or {}
         run = steward.get("run") or steward.get("last")
         if run is None:
-            if "last" in steward and self.live is not None:  # it was put into the bin
-                self.live = None
             return
         started = float(run.get("started") or 0.0)
         if self.live is not None and (self.live.name, self.live.started) == (run["name"], started):
@@ -250,13 +244,10 @@ class Hub:
         live.groups_done = news.groups_done
         if news.segment is not None:
             asked = news.segment.asked
-            live.segment = {
-                "kind": news.segment.kind,
-                "state": news.segment.state,
-                "pretension_mm": finite(asked.pretension_mm),
-                "frequency_hz": finite(asked.frequency_hz),
-                "amplitude_deg": finite(asked.amplitude_deg),
+            numbers = {
+                name: finite(getattr(asked, name)) for name in ("pretension_mm", "frequency_hz", "amplitude_deg")
             }
+            live.segment = {"kind": news.segment.kind, "state": news.segment.state, **numbers}
 
     def _put(self, live: Live, rows: dict[str, Array], zero_s: float) -> None:
         """Take samples; those from before a run was taken up again are of another clock, and are left out."""
@@ -273,7 +264,7 @@ class Hub:
         self._newest = float(time[-1])
         traces = self._channels.take(rows)
         live.ring.put(np.vstack([time - zero_s, traces]))
-        live.latest["tension_n"] = self._channels.tensions(traces)
+        live.tension_n = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
             fresh = traces[:, rows["id"] > self._tail.found]
@@ -310,7 +301,7 @@ class Results:
     """
 
     hub: Hub
-    work: Work
+    work: Worker
     runs: Path
     predicted: list[dict[str, Any]] = field(default_factory=list)
     measured: list[dict[str, Any]] = field(default_factory=list)
@@ -324,36 +315,33 @@ class Results:
 
     async def run(self) -> None:
         """Follow the hub until cancelled."""
-        epoch, done = 0, -1
-        foretold: tuple[Plan, RigSpec] | None = None
         looked: tuple[str, float] | None = None
+        foretold: tuple[Plan, RigSpec] | None = None
+        done: tuple[int, int] | None = None  # epoch and groups that were analysed
         predicting: asyncio.Task[None] | None = None
         while True:
             live, begins = self.hub.live, self._begins()
             run = begins or live
             if run is not None and (run.name, run.started) != looked:
                 looked = (run.name, run.started)
-                asked = parse_plan(run.plan_toml), parse_rig(run.rig_toml)
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
-                if asked != foretold:
-                    foretold = asked
+                told = parse_plan(run.plan_toml), parse_rig(run.rig_toml)  # a journal has the texts in its own words
+                if told != foretold:
+                    foretold = told
                     self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
                     if predicting is not None:
                         predicting.cancel()
                     predicting = asyncio.create_task(self._predict(run.plan_toml, run.rig_toml))
                 self.version += 1
-            if live is not None and live.epoch != epoch:
-                epoch, done = live.epoch, -1
-            if live is not None and begins is None and live.groups_done != done:
-                recorded = live.groups_done  # more may be by the time these are analysed
-                done = recorded if await self._measure(live) else -1
+            if live is not None and begins is None and (live.epoch, live.groups_done) != done:
+                recorded = live.epoch, live.groups_done  # more may be by the time these are analysed
+                done = recorded if await self._measure(live) else None
             await asyncio.sleep(_LOOK_S)
 
     def _begins(self) -> "_Begun | None":
         """Return the run that is under way and has no journal yet; None where the hub has it, or its plan cannot be
         read."""
-        run = (self.hub.steward or {}).get("run")
-        live = self.hub.live
+        run, live = (self.hub.steward or {}).get("run"), self.hub.live
         if run is None or (live is not None and live.name == run["name"]):
             return None
         try:
@@ -393,7 +381,8 @@ class Results:
                 found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
             except SinewError as trouble:
                 is_slow = isinstance(trouble, TooSlowError)
-                self._complain(_BUSY if is_slow else f"What was measured cannot be analysed: {trouble}")
+                self.trouble = _BUSY if is_slow else f"What was measured cannot be analysed: {trouble}"
+                self.version += 1
                 return False
             self.measured = judged(self.predicted, numbered(found["curves"], live.plan_toml))
             self.damping, self.notes, pending = found["damping"], found["notes"], found["pending"]
@@ -401,14 +390,8 @@ class Results:
             self.version += 1
         return True
 
-    def _complain(self, sentence: str) -> None:
-        if sentence != self.trouble:
-            self.trouble = sentence
-            self.version += 1
 
-
-@dataclass(frozen=True)
-class _Begun:
+class _Begun(NamedTuple):
     """A run that has no journal yet: name, start [s since 1970] and texts of its plan and rig."""
 
     name: str
@@ -466,7 +449,7 @@ class View:
         if not isinstance(said, dict):
             raise ValueError("expected an object")
         base, pixels = said.get("base_s", self.base_s), said.get("pixels", self.pixels)
-        if not all(isinstance(x, int | float) and not isinstance(x, bool) for x in (base, pixels)):
+        if not {type(base), type(pixels)} <= {int, float}:
             raise ValueError("expected numbers")
         grown = base > self.base_s
         self.base_s = float(np.clip(base, *_BASES))
@@ -504,7 +487,7 @@ def frame_of(live: Live, view: View) -> bytes | None:
     frame["high"] = None if thinned.high is thinned.low else np.round(thinned.high, 3)
     frame["points"] = np.round(new[[_DRIVE, _TORSION], -_LISSAJOUS_POINTS:], 2)
     frame["now"] = np.round(new[1:, -1], 3) if new.shape[1] else []
-    frame["tension_n"] = live.latest.get("tension_n", [])
+    frame["tension_n"] = live.tension_n
     return dumped(frame)
 
 
@@ -553,13 +536,14 @@ async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Ta
     loop = asyncio.get_running_loop()
     told = -_STATE_S
     while not listening.done():
+        looked = hub.next_look  # before the frame is made: a look while it is sent is not missed
         frame = frame_of(hub.live, view) if hub.live is not None else None
         if frame is not None:
             await asyncio.wait_for(socket.send_text(frame.decode()), _SEND_S)
         if loop.time() - told >= _STATE_S:
             told = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
-        tick = asyncio.ensure_future(hub.ticked())
+        tick = asyncio.ensure_future(looked.wait())
         try:  # who leaves makes room at once, also where nothing is looked at
             await asyncio.wait({tick, listening}, timeout=_STATE_S, return_when=asyncio.FIRST_COMPLETED)
         finally:

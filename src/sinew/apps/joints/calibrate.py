@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,7 @@ from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Worke
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
+    from sinew.identify.joint.calibration import CalibrationResult
     from sinew.measure.tasks import Spread
 
 
@@ -24,9 +25,6 @@ def calibrate(
         str | None, option("NAME,...", "Parameters to find, as tendons.head_radius; else the usual.")
     ] = None,
     paper: Annotated[bool, flag("--paper", "Fit to the numbers of the paper, without recordings.")] = False,
-    ranges: Annotated[
-        bool, flag("--ranges", "With --paper: how far each parameter can move, as RIG2-ranges.json.")
-    ] = False,
     posterior: Annotated[
         bool, flag("--posterior", "With --paper: what the numbers determine, as RIG2-posterior.json.")
     ] = False,
@@ -37,64 +35,68 @@ def calibrate(
     device: Device = "cpu",
     json: Json = False,
 ) -> None:
-    """Write a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
+    """Write a rig whose parameters come from recordings.
 
-    What the recordings do not determine keeps its old value and origin. With --paper the ten parameters that the paper
-    does not print are fitted to the numbers that it does; --posterior and --ranges take minutes.
+    Each parameter has origin, 90 % interval and source. What the recordings do not determine keeps its old value
+    and origin. With --paper the ten parameters that the paper does not print are fitted to the numbers that it
+    does; --posterior takes minutes.
     """
     files = recordings or []
-    _refuse_mixture(files, free, paper=paper, extras=ranges or posterior)
+    _refuse_mixture(files, free, paper=paper, posterior=posterior)
     if out.suffix != ".toml":
         raise SpecError(f"--out is {out}, expected a name that ends with .toml")
-    beside = [out.with_name(f"{out.stem}-{what}.json") for what in ("ranges", "posterior")]
-    for path in (out, *(path for path, asked in zip(beside, (ranges, posterior), strict=True) if asked)):
+    also = out.with_name(f"{out.stem}-posterior.json") if posterior else None
+    for path in (out, *([] if also is None else [also])):
         console.require_file(path, reads=rig)
     spread = console.spread_of(scheduler, workers, keep, device)
     command = ["sinew", "calibrate", rig, *map(str, files), *(["--free", free] if free else [])]
     command += ["--paper"] if paper else []
+    found: CalibrationResult
     if paper:
-        also = beside[0] if ranges else None, beside[1] if posterior else None
-        document = _from_paper(rig, out, *also, seed, command, spread)
+        found = _from_paper(rig, out, also, seed, command, spread)
     else:
-        document = _from_recordings(rig, files, out, free, command, spread)
-    from sinew.identify.joint.calibration import calibration_told
-
-    made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
-    console.print_result(document, calibration_told(document), made, json=json)
+        found = _from_recordings(rig, files, out, free, command, spread)
+    made = f"{out}: rig {found.name}, calibrated from {found.before}"
+    console.print_result({"rig": str(out), **found.to_dict()}, found.blocks(), made, json=json)
 
 
-def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
+def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, posterior: bool) -> None:
     if paper and (files or free is not None):
         raise SpecError(
             "--paper fits the paper's numbers and takes neither recordings nor --free; leave one or the other"
         )
-    if not paper and extras:
-        raise SpecError("--ranges and --posterior are about the paper's numbers; add --paper, or leave them out")
+    if not paper and posterior:
+        raise SpecError("--posterior is about the paper's numbers; add --paper, or leave it out")
     if not paper and not files:
         raise SpecError("found no recording to calibrate from; name one or more (NetCDF), or fit with --paper")
 
 
 def _from_recordings(
     rig: str, files: list[Path], out: Path, free: str | None, command: list[str], spread: "Spread"
-) -> dict[str, Any]:
+) -> "CalibrationResult":
     from sinew.identify.joint.calibration import calibrate as run
-    from sinew.plan.toml import save_rig
+    from sinew.plan.toml import read_spec, save_rig
 
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
     with console.progress_bar("calibrate") as progress:
         done = run(rig, files, name=out.stem, spread=spread, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
     head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
-    save_rig(done.rig, out, head)
-    return {"rig": str(out), **done.document()}
+    save_rig(done.rig, out, head, like=read_spec("rigs", rig) if Path(rig).is_file() else "")
+    return done
 
 
 def _from_paper(
-    rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str], spread: "Spread"
-) -> dict[str, Any]:
-    from sinew.identify.joint.calibration import with_intervals
-    from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
-    from sinew.paper.posterior import paper_posterior, require_sampler
+    rig: str, out: Path, posterior: Path | None, seed: int, command: list[str], spread: "Spread"
+) -> "CalibrationResult":
+    from sinew.identify.joint.calibration import (
+        CalibratedNumber,
+        PaperCalibration,
+        calibrated_parameter,
+        with_intervals,
+    )
+    from sinew.measure.result import Rows
+    from sinew.paper.numbers import FREE, TARGETS, fit_paper, paper_posterior, require_sampler
     from sinew.plan.toml import load_rig, save_rig
     from sinew.solve.programs import configure
 
@@ -111,36 +113,18 @@ def _from_paper(
             found = paper_posterior(before, fitted.values, seed=seed, spread=spread, progress=progress)
         console.write_json(found.to_json(), posterior)
         result = with_intervals(result, found.intervals())
-    if ranges is not None:
-        with console.progress_bar("ranges") as progress:
-            console.write_json(find_ranges(before, fitted.values, progress, spread=spread), ranges)
     # The shipped rig is written by this command; without an interval it stays in the plain form of a rig file.
     save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]
     )
-    old, new = dict(before.parameters()), dict(result.parameters())
-    told = [] if found is None else found.sentences()
-    return {
-        "rig": str(out),
-        "name": result.name,
-        "before": before.name,
-        "parameters": {
-            free.name: {
-                "unit": new[free.name].unit,
-                "before": old[free.name].value,
-                "after": {
-                    "value": new[free.name].value,
-                    "std": None,
-                    "interval90": list(new[free.name].interval90 or (None, None)),
-                },
-            }
-            for free in FREE
-        },
-        "numbers": [
-            {"quantity": one.name, "paper": one.value, "twin": float(number), "tolerance": one.within}
+    return PaperCalibration(
+        name=result.name,
+        before=before.name,
+        parameters={free.name: calibrated_parameter(before, result, free.name) for free in FREE},
+        remarks=() if found is None else tuple(found.sentences()),
+        numbers=Rows(
+            CalibratedNumber(one.name, one.value, float(number), one.within)
             for one, number in zip(TARGETS, fitted.observed, strict=True)
-        ],
-        "ranges": None if ranges is None else str(ranges),
-        "posterior": None if posterior is None else str(posterior),
-        "remarks": told,
-    }
+        ),
+        posterior=None if posterior is None else str(posterior),
+    )

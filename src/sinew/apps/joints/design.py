@@ -1,30 +1,79 @@
 """`sinew design`, `sinew joint` and `sinew tune`: joints that resonate with a gait, another section, the pretension."""
 
-import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, option
-from sinew.apps.joints.options import BASE_RIG, MODES, JointOptions, Mode, check_angle, designed_rig, with_joint_options
-from sinew.measure.errors import FileError, SpecError
-from sinew.measure.estimate import number
+from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, flag, option
+from sinew.apps.joints.options import BASE_RIG, MODES, JointOptions, Mode, check_angle, designed_rig, with_options
+from sinew.measure.errors import RecordingError, SpecError
 
 if TYPE_CHECKING:
-    from sinew.figures.tuned import EndCurves
-    from sinew.plan.plan import Plan, TendonMode
-    from sinew.predict.joints.validity import Torso
-    from sinew.tune.candidate import DesignTarget
-    from sinew.tune.design import Designed, Proposal
+    from sinew.plan.plan import TendonMode
+    from sinew.tune.design import Designed
+    from sinew.tune.gait import GaitTarget
 
 
+def _walk(metavar: str, help_: str, *flags: str) -> Any:
+    return typer.Option(*flags, metavar=metavar, help=f"Walk: {help_}")
+
+
+class WalkOptions(NamedTuple):
+    """Recordings of walking, and how they are read; None where nothing was said."""
+
+    walk: Annotated[list[Path] | None, _walk("FILE", "a recording, CSV or npz; may be repeated.", "--walk")] = None
+    pelvis: Annotated[str | None, _walk("NAME|LEFT,RIGHT", "sensor or pair of markers on the pelvis.")] = None
+    trunk: Annotated[str | None, _walk("NAME|LEFT,RIGHT", "the same on the trunk or shoulders.")] = None
+    yaw_column: Annotated[str | None, _walk("COL[:unit]", "instead of both: a column of trunk against pelvis.")] = None
+    time: Annotated[str | None, _walk("COL[:unit]", "column of the time stamps.")] = None
+    start: Annotated[float | None, _walk("S", "take samples from this time on [s].")] = None
+    stop: Annotated[float | None, _walk("S", "take samples up to this time [s].")] = None
+    up: Annotated[str | None, _walk("x|y|z", "the markers' upward axis; else z.")] = None
+    gyro_unit: Annotated[str | None, _walk("UNIT", "where names do not say it; else rad/s.")] = None
+    acc_unit: Annotated[str | None, _walk("UNIT", "the same (g_0 for gravities); else m/s2.")] = None
+
+
+def _gait_of(options: WalkOptions) -> "tuple[GaitTarget, list[str]]":
+    """Return the stride frequency and yaw of recordings of walking, and remarks on how they were read.
+
+    Raises SpecError where options do not go together, FileError or RecordingError for a file that holds no gait.
+    """
+    from sinew.measure.files.csv import WalkColumns, read_walk
+    from sinew.tune.gait import body_motion, estimate_gait, target_of_walks
+
+    bodies = {role: name for role in ("pelvis", "trunk") if (name := getattr(options, role)) is not None}
+    if options.yaw_column is not None and bodies:
+        raise SpecError("--yaw-column is an angle that is ready; leave --pelvis and --trunk out")
+    up = options.up or "z"
+    console.check_choice("--up", up, ("x", "y", "z"))
+    columns = WalkColumns(
+        time=options.time,
+        bodies=bodies,
+        yaw=options.yaw_column,
+        up=up,
+        gyro_unit=options.gyro_unit,
+        acceleration_unit=options.acc_unit,
+    )
+    walks, notes = [], []
+    for file in options.walk or ():
+        try:
+            record = read_walk(file, columns, start_s=options.start, stop_s=options.stop)
+            walks.append(estimate_gait(body_motion(record), file.name))
+        except RecordingError as error:
+            raise type(error)(f"{file.name}: {error}") from error
+        parts = ", ".join(f"{role} by {name}" for role, name in record.names.items()) or "yaw as given"
+        notes += [f"{file.name}: {note}" for note in (parts, *record.notes)]
+    return target_of_walks(walks), notes
+
+
+@with_options
 def design(
+    context: typer.Context,
     rig: Annotated[str, typer.Argument(metavar="RIG", help="Its motors, guides and sensors are kept.")] = BASE_RIG,
     stride: Annotated[str | None, option("LOW:HIGH", "Stride frequencies to resonate at.", "--stride-hz")] = None,
     yaw: Annotated[float | None, option("DEG", "Amplitude of the torsion.", "--yaw-deg")] = None,
-    gait: Annotated[Path | None, option("gait.json", "Instead of both: what sinew gait wrote.")] = None,
     inertia: Annotated[float, option("I", "Of what sits on the joint, about its axis.", "--inertia-kg-m2")] = 0.25,
     torso: Annotated[
         float | None, option("KG", "Mass of what sits on the joint; else its weight is left out.", "--torso-kg")
@@ -45,90 +94,92 @@ def design(
     workers: Workers = 1,
     keep: Keep = None,
     device: Device = "cpu",
-    out: Annotated[Path | None, option("DIR", "Rigs, plans, figures and a page.")] = None,
+    gait_only: Annotated[bool, flag("--gait-only", "Walk: find the gait, and design nothing.")] = False,
+    out: Annotated[Path | None, option("DIR", "Rigs, plans, figures and a page; of --walk also gait.json.")] = None,
+    *,
+    walk: WalkOptions,
     json: Json = False,
 ) -> None:
-    """Design joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.
+    """Design joints whose resonance can follow a gait.
 
-    Thousands of starts are improved by gradients of the twin's forces, the best are computed by harmonic balance, and
-    the plans of a few that differ run on the full twin. No joint within the limits is no error: the answer says so.
+    The gait is given by --stride-hz and --yaw-deg, or found in recordings of walking, --walk: stride frequency and the
+    yaw between trunk and pelvis, with 90 % intervals; several files give one band. Sensors and markers are found by
+    their usual names: an npz file with t, hip_gyr, hip_acc, upper_back_gyr and so on, columns hip_gyr_x and so on, or
+    markers LASI_x_mm, RASI, LSHO, RSHO.
+
+    Section, silicone, length, tendon circle, lever and pretensions. Thousands of starts are improved by gradients
+    of the twin's forces, the best are computed by harmonic balance, and the plans of a few that differ run on the
+    full twin. No joint within the limits is no error: the answer says so.
     """
-    from sinew.plan.toml import load_rig
-    from sinew.tune.design import Effort, design_joints, known_shapes, known_silicones
+    from sinew.tune.design import design as run
 
-    target = _target(stride, yaw, gait, inertia, envelope, _torso(torso, centre))
-    base = load_rig(rig)
-    silicones, shapes = known_silicones(base, _names(material)), known_shapes(_names(shape))
     if out is not None:
         console.require_folder(out)
-    spread = console.spread_of(scheduler, workers, keep, device)
-    effort = Effort(starts, exact, proposals, seed)
+    gait = _gait(walk, stride, yaw, out, only=gait_only, json=json)
+    if gait_only:
+        return
+    if torso is None and centre is not None:
+        raise SpecError("--torso-centre-mm belongs to --torso-kg, which is missing")
     with console.progress_bar("design") as bar:
-        found = design_joints(
-            base,
-            target,
-            silicones,
-            shapes,
-            effort,
-            spread=spread,
+        found = run(
+            *_band_and_yaw(stride, yaw, gait),
+            rig,
+            inertia_kg_m2=inertia,
+            torso_kg=torso,
+            torso_centre_mm=250.0 if centre is None else centre,
+            envelope_mm=_pair(envelope.lower(), "x", "--envelope-mm", "DxL in millimetres, as 200x250"),
+            shapes=_names(shape),
+            materials=_names(material),
+            starts=starts,
+            exact=exact,
+            proposals=proposals,
+            seed=seed,
+            spread=console.spread_of(scheduler, workers, keep, device),
             progress=lambda _, done, total: bar(done, total),
         )
-    document = found.document()
-    if out is not None:
-        words = ["sinew", "design", rig, "--stride-hz", f"{target.band_hz[0]:g}:{target.band_hz[1]:g}"]
-        words += ["--yaw-deg", f"{target.yaw_deg:g}", "--inertia-kg-m2", f"{inertia:g}", "--envelope-mm", envelope]
-        if target.torso is not None:
-            words += ["--torso-kg", f"{target.torso.mass:g}", "--torso-centre-mm", f"{1e3 * target.torso.centre:g}"]
-        words += [w for flag, value in (("--shape", shape), ("--material", material)) if value for w in (flag, value)]
-        words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
-        write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
-    console.print_result(document, found.told(), f"page: {out / 'design.html'}" if out else "", json=json)
-
-
-def read_gait(path: Path) -> tuple[tuple[float, float], float]:
-    """Return (stride band [Hz], yaw amplitude [deg]) of a file that `sinew gait` wrote. Raises FileError, SpecError."""
-    import json
-
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise SpecError(f"{path} is no JSON; give the gait.json of sinew gait --out") from error
-    try:
-        low, high = (float(value) for value in document["stride_band_hz"])
-        return (low, high), float(document["yaw_amplitude_deg"]["value"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise SpecError(
-            f"{path} holds no stride_band_hz and yaw_amplitude_deg; give the gait.json of sinew gait"
-        ) from error
-
-
-def _torso(mass: float | None, centre_mm: float | None) -> "Torso | None":
-    from sinew.predict.joints.validity import Torso
-
-    if mass is None:
-        if centre_mm is not None:
-            raise SpecError("--torso-centre-mm belongs to --torso-kg, which is missing")
-        return None
-    return Torso(mass) if centre_mm is None else Torso(mass, 1e-3 * centre_mm)
-
-
-def _target(
-    stride: str | None, yaw: float | None, gait: Path | None, inertia: float, envelope: str, torso: "Torso | None"
-) -> "DesignTarget":
-    from sinew.tune.candidate import DesignTarget
-
-    if (gait is None) == (stride is None and yaw is None) or (gait is None and (stride is None or yaw is None)):
-        raise SpecError("expected --stride-hz LOW:HIGH with --yaw-deg, or --gait gait.json, and not both")
+    document = found.to_dict()
     if gait is not None:
-        band, degrees = read_gait(gait)
-    else:
-        assert stride is not None
-        assert yaw is not None
-        band, degrees = _pair(stride, ":", "--stride-hz", "LOW:HIGH in hertz, as 0.7:1.1"), yaw
-    diameter, length = _pair(envelope.lower(), "x", "--envelope-mm", "DxL in millimetres, as 200x250")
-    return DesignTarget(band, degrees, inertia, 1e-3 * diameter, 1e-3 * length, torso=torso)
+        document["gait"] = gait.to_dict()
+    if out is not None:
+        write_design(found, document, out, console.command_line(context))
+    console.print_result(document, found.blocks(), f"page: {out / 'design.html'}" if out else "", json=json)
+
+
+def _gait(
+    walk: WalkOptions, stride: str | None, yaw: float | None, out: Path | None, *, only: bool, json: bool
+) -> "GaitTarget | None":
+    """Return the gait of recordings of walking, None without any; print it, unless in a design's document, and write
+    gait.json where `out` says so. Raises SpecError where options do not go together."""
+    if not walk.walk:
+        given = [f"--{name.replace('_', '-')}" for name, value in walk._asdict().items() if value is not None]
+        if only or given:
+            raise SpecError(f"{'--gait-only' if only else given[0]} is about recordings of walking; name one by --walk")
+        return None
+    if stride is not None or yaw is not None:
+        raise SpecError("found --walk with --stride-hz or --yaw-deg; expected either the recording or the two numbers")
+    gait, notes = _gait_of(walk)
+    document = gait.to_dict()
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        document["files"] = [str(out / "gait.json")]
+        console.write_json(document, out / "gait.json")
+    if not json:
+        console.print_told(gait.blocks())
+    elif only:
+        console.print_json(document)
+    for note in notes:
+        console.remark(note)
+    return gait
+
+
+def _band_and_yaw(
+    stride: str | None, yaw: float | None, gait: "GaitTarget | None"
+) -> tuple[tuple[float, float], float]:
+    if gait is not None:
+        return gait.stride_band_hz, gait.yaw_amplitude_deg.value
+    if stride is None or yaw is None:
+        raise SpecError("expected --stride-hz LOW:HIGH with --yaw-deg, or --walk FILE")
+    return _pair(stride, ":", "--stride-hz", "LOW:HIGH in hertz, as 0.7:1.1"), yaw
 
 
 def _pair(text: str, mark: str, option: str, expected: str) -> tuple[float, float]:
@@ -154,53 +205,41 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
     document: gets the paths of rigs and plans. Raises FileError where the folder cannot be written.
     """
     from sinew.figures.style import save_figure
-    from sinew.figures.tuned import draw_design_curves, draw_design_front, write_design_page
+    from sinew.figures.tuned import EndCurves, draw_design_curves, draw_design_front, write_design_page
     from sinew.measure.files.netcdf import provenance
     from sinew.plan.toml import save_plan, save_rig
-    from sinew.tune.design import plan_of
-
-    curves = []
-    for rank, (i, row) in enumerate(zip(found.chosen, document["proposals"], strict=True), start=1):
-        one, place = found.evaluated[i], folder / f"proposal-{rank}"
-        plan = plan_of(one)
-        place.mkdir(parents=True, exist_ok=True)
-        save_rig(one.rig, place / "rig.toml")
-        save_plan(plan, place / "plan.toml")
-        row["rig"], row["plan"] = (str(place / name) for name in ("rig.toml", "plan.toml"))
-        curves.append(_curves(one, plan, row))
-    figures = []
-    if document["evaluated"]:
-        figure = draw_design_front(document["evaluated"], document["proposals"])
-        figures += save_figure(figure, folder / "figures", "design_front", ("png", "pdf"))
-    if curves:
-        figure = draw_design_curves(curves, document["target"]["yaw_deg"])
-        figures += save_figure(figure, folder / "figures", "design_curves", ("png", "pdf"))
-    console.write_json(document, folder / "design.json")
-    return write_design_page(
-        folder / "design.html",
-        document,
-        figures=figures,
-        rebuild=rebuild,
-        origins=[("versions", str(provenance("twin")["versions"]))],
-    )
-
-
-def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
-    from sinew.figures.tuned import EndCurves
     from sinew.predict.band import COARSE
     from sinew.predict.joint import joint_problem
     from sinew.solve.curves import predict
+    from sinew.tune.design import plan_of
 
-    assert plan.sweep is not None
-    band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]
-    problem = joint_problem(one.rig, list(plan.pretension.pretension_mm), plan.sweep.amplitude_deg, band)
-    return EndCurves(row, predict(problem, band, COARSE).branches)
+    curves = []
+    for rank, (one, row) in enumerate(zip(found.proposals, document["proposals"], strict=True), start=1):
+        plan, own = plan_of(one), folder / f"proposal-{rank}"
+        assert plan.sweep is not None
+        own.mkdir(parents=True, exist_ok=True)
+        save_rig(one.rig, own / "rig.toml")
+        save_plan(plan, own / "plan.toml")
+        row |= {"rig": str(own / "rig.toml"), "plan": str(own / "plan.toml")}
+        band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]
+        problem = joint_problem(one.rig, list(plan.pretension.pretension_mm), plan.sweep.amplitude_deg, band)
+        curves.append(EndCurves(one, predict(problem, band, COARSE).branches))
+    drawn = {}
+    if found.evaluated:
+        drawn["design_front"] = draw_design_front(found.evaluated, found.proposals)
+    if curves:
+        drawn["design_curves"] = draw_design_curves(curves, found.target.yaw_deg)
+    kinds = ("png", "pdf")
+    figures = [path for name, one in drawn.items() for path in save_figure(one, folder / "figures", name, kinds)]
+    console.write_json(document, folder / "design.json")
+    versions = str(provenance("twin")["versions"])
+    return write_design_page(folder / "design.html", found, figures, rebuild, versions)
 
 
 # ---- `sinew joint`: the rig of a joint that is not built yet
 
 
-@with_joint_options
+@with_options
 def joint(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="The rig to derive it from; else the paper's.")] = BASE_RIG,
     out: Annotated[Path | None, option("RIG.toml", "Write the rig into this file.")] = None,
@@ -208,38 +247,25 @@ def joint(
     joint: JointOptions,
     json: Json = False,
 ) -> None:
-    """Make the rig of a joint that is not built yet: section, length, material, tendons, inertia.
+    """Make a rig of another section, length or material.
 
-    What is not said stays as in the rig it is derived from. Every changed parameter is marked as assumed.
+    Tendons and inertia may differ as well. What is not said stays as in the rig it is derived from. Every changed
+    parameter is marked as assumed.
     """
     if not joint.given:
         raise SpecError("found nothing to change; say for instance --section annulus --outer-mm 60 --inner-mm 30")
     if out is not None:
         console.require_file(out)
     from sinew.plan.toml import save_rig
-    from sinew.predict.joints.design import design_document
+    from sinew.predict.joints.design import designed_joint
 
     made, design = designed_rig(rig, joint)
     assert design is not None
-    document: dict[str, Any] = {"name": made.name, **design_document(made, design), "out": None}
+    found = designed_joint(made, design)
+    document = {"name": made.name, **found.to_dict(), "out": None if out is None else str(out)}
     if out is not None:
         save_rig(made, out)
-        document["out"] = str(out)
-    if json:
-        console.print_json(document)
-        return
-    rows = [(name, number(value)) for name, value in document["section"].items() if isinstance(value, float)]
-    console.print_table(("section", ""), rows, title=f"{made.name}: {document['section']['shape']}")
-    print(f"torsional rigidity G·J {number(document['torsional_rigidity_n_m2'], unit='N m²')}", end="")
-    stiffness = number(document["stiffness_n_m_rad"], unit="N m/rad")
-    print(f", G {number(document['shear_modulus_kpa'], unit='kPa')}, G·J/L {stiffness}")
-    if design.material is not None:
-        curve = design.material
-        slack = "" if curve.slack is None else f", slack {number(100 * curve.slack, unit='%')}"
-        print(f"{curve.title}: G {curve.shear_modulus.times(1e-3).shown('kPa')} by fits of its curve", end="")
-        print(f", {number(1e-3 * curve.secant, unit='kPa')} at 100 % strain{slack}")
-    if out is not None:
-        print(f"rig: {out}")
+    console.print_result(document, [made.name, *found.blocks()], f"rig: {out}" if out else "", json=json)
 
 
 # ---- `sinew tune`: the pretension at which a rig resonates at a wanted frequency
@@ -259,19 +285,20 @@ def tune(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     json: Json = False,
 ) -> None:
-    """Find the pretension that makes a rig resonate at a wanted frequency, and the range that it can reach.
+    """Find the pretension for a wanted resonance.
 
-    A rig that `sinew calibrate` wrote knows how far it can be off: pretension and frequency get 90 % intervals. A
-    frequency that is out of reach is no error: the answer says why, and the exit status is 0.
+    The range that can be reached is said as well. A rig that `sinew calibrate` wrote knows how far it can be off:
+    pretension and frequency get 90 % intervals. A frequency that is out of reach is no error: the answer says why,
+    and the exit status is 0.
     """
     from sinew.tune.pretension import tune as run
 
     if amplitude is not None and yaw is not None:
         raise SpecError("found --amplitude-deg and --yaw-deg; expected one of them")
     console.check_choice("--mode", mode, MODES)
-    for flag, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
+    for name, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
         if asked is not None:
-            check_angle(flag, asked)
+            check_angle(name, asked)
     expected = f"frequencies above 0 and up to {console.HIGHEST_HZ:g} Hz, as 3.2,3.6"
     wanted = console.number_list("--resonance-hz", resonance, expected, low=0, high=console.HIGHEST_HZ, above=True)
     held = cast("TendonMode", mode)
@@ -279,4 +306,4 @@ def tune(
         found = run(
             rig, wanted, amplitude_deg=amplitude, yaw_deg=yaw, mode=held, bands=bands, seed=seed, progress=progress
         )
-    console.print_result(found.document(), found.told(), json=json)
+    console.print_result(found.to_dict(), found.blocks(), json=json)

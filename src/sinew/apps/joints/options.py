@@ -67,11 +67,6 @@ class JointOptions(NamedTuple):
         """Return the options that were given."""
         return [_flag(name) for name, value in self._asdict().items() if value is not None]
 
-    def words(self) -> list[str]:
-        """Return the options as they stand on a command line."""
-        given = [(_flag(name), value) for name, value in self._asdict().items() if value is not None]
-        return [w for flag, value in given for w in (flag, f"{value:g}" if isinstance(value, float) else str(value))]
-
 
 _REACH = {
     "outer_mm": (1, 2000),
@@ -96,27 +91,22 @@ def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def with_joint_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command whose parameter `joint: JointOptions` is replaced by the options that it holds."""
+def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command with each parameter that is a named tuple replaced by its fields, options that may be None."""
     given = inspect.signature(command)
-    options = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-        for name, annotation in JointOptions.__annotations__.items()
-    ]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    groups = {name: one.annotation for name, one in given.parameters.items() if hasattr(one.annotation, "_fields")}
+    own = [one.replace(kind=keyword) for name, one in given.parameters.items() if name not in groups]
+    added = {name: one for group in groups.values() for name, one in group.__annotations__.items()}
+    options = [inspect.Parameter(name, keyword, default=None, annotation=one) for name, one in added.items()]
 
     @functools.wraps(command)
     def spread(*args: Any, **kwargs: Any) -> Any:
-        joint = JointOptions(**{name: kwargs.pop(name, None) for name in JointOptions._fields})
-        return command(*args, joint=joint, **kwargs)
+        made = {one: group(*(kwargs.pop(name, None) for name in group._fields)) for one, group in groups.items()}
+        return command(*args, **made, **kwargs)
 
-    own = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, parameter in given.parameters.items()
-        if name != "joint"
-    ]
     spread.__signature__ = given.replace(parameters=[*own[:-1], *options, own[-1]])  # type: ignore[attr-defined]
-    annotations = {name: value for name, value in command.__annotations__.items() if name != "joint"}
-    spread.__annotations__ = annotations | dict(JointOptions.__annotations__)
+    spread.__annotations__ = {name: one for name, one in command.__annotations__.items() if name not in groups} | added
     return spread
 
 
@@ -213,7 +203,7 @@ def _flags(names: tuple[str, ...]) -> str:
     return ", ".join(map(_flag, names))
 
 
-# What `sinew predict`, `compare` and `tune` ask of a rig.
+# What `sinew predict` and `tune` ask of a rig.
 
 MODES = ("position", "position-with-current-limit", "current")
 """Modes of the tendon motors."""

@@ -1,4 +1,4 @@
-"""`sinew pose`, `sinew workspace`, `sinew modes`: where a bent joint rests, how far it bends, and its small motions."""
+"""`sinew pose` and `sinew modes`: where a bent joint rests, which poses it reaches, and its small motions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -6,24 +6,25 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, option
+from sinew.apps.console import Device, Json, Keep, RigArgument, Scheduler, Workers, flag, option
 from sinew.apps.joints.options import MODES, Mode, check_angle
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sinew.measure.tasks import Spread
     from sinew.plan.plan import TendonMode
     from sinew.predict.pose import Posed
     from sinew.predict.workspace import Workspace
 
 
-_FORMATS = ("png", "pdf", "svg")
-
-
 def pose(
     rig: RigArgument,
-    pretension: Annotated[float | None, option("MM", "Mean take-up of the tendons; else 6.", "--pretension-mm")] = None,
+    pretension: Annotated[
+        str | None,
+        option("MM", "Mean take-up of the tendons; else 6. With --map several, else 0,6,12.", "--pretension-mm"),
+    ] = None,
     bend: Annotated[float, option("DEG", "How far the head is to be bent.", "--bend-deg")] = 0.0,
     azimuth: Annotated[
         float, option("DEG", "Where to: from y, where the lever lies at rest, towards z.", "--azimuth-deg")
@@ -35,20 +36,37 @@ def pose(
     tension: Annotated[
         str | None, option("N,...", "Instead: the tension that each current holds.", "--tension-n")
     ] = None,
-    out: Annotated[Path | None, option("FILE.png", "Draw the bent joint into this file (png, pdf, svg).")] = None,
+    map_: Annotated[
+        bool, flag("--map", "Instead: all poses that the joint reaches, over pitch and roll, one map a pretension.")
+    ] = False,
+    step: Annotated[float, option("DEG", "Of a map: from one pose to the next.", "--step-deg")] = 2.0,
+    scheduler: Scheduler = None,
+    workers: Workers = 1,
+    keep: Keep = None,
+    device: Device = "cpu",
+    out: Annotated[Path | None, option("FILE.png", "Draw joint or maps into this file (png, pdf, svg).")] = None,
     json: Json = False,
 ) -> None:
-    """Find where a joint rests that bends: take-ups, tensions and currents that hold it, and what speaks against it.
+    """Find where a bent joint rests, or all poses it reaches.
 
-    A pose that cannot be reached, does not stay or breaks a limit is no error: the answer says why, and the exit
-    status is 0.
+    Take-ups, tensions and currents that hold it, and what speaks against it. A pose that cannot be reached, does
+    not stay or breaks a limit is no error: the answer says why, and the exit status is 0. With --map, at which
+    poses tendons go slack and what breaks a limit, as far as the rig may bend (limits.bend_deg, else 40°).
     """
     console.check_choice("--mode", mode, MODES)
     console.checked_number("--bend-deg", bend, "0 to 90; turn the azimuth for the other side", low=0, high=90)
     console.checked_number("--azimuth-deg", azimuth, "-360 to 360", low=-360, high=360)
-    if pretension is not None:
-        console.checked_number("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
-    _check_picture(out)
+    levels = pretension or ("0,6,12" if map_ else "6")
+    pretensions = console.number_list("--pretension-mm", levels, "0 to 100: cables cannot push", low=0, high=100)
+    if len(pretensions) > 1 and not map_:
+        raise SpecError(f"--pretension-mm is {levels}, expected one for one pose; --map takes several")
+    if out is not None:
+        console.require_ending(out, console.PICTURES)
+    if map_:
+        if bend or azimuth or take_up or tension:
+            raise SpecError("found --map beside what makes one pose; leave out the bend, take-ups or tensions")
+        _map(rig, pretensions, step, mode, console.spread_of(scheduler, workers, keep, device), out, json=json)
+        return
     given = [
         None if text is None else tuple(console.number_list(flag, text, expected))
         for flag, text, expected in (
@@ -60,11 +78,11 @@ def pose(
         raise SpecError("found --bend-deg or --azimuth-deg beside what the tendons do, from which the pose follows")
     if any(given) and pretension is not None:
         raise SpecError("found --pretension-mm beside what each tendon does; give one of them")
-    from sinew.plan.pose import Pose
+    from sinew.plan.plan import Pose
     from sinew.plan.toml import load_rig
     from sinew.predict.pose import Asked, find_pose
 
-    asked = Asked(6.0 if pretension is None else pretension, Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
+    asked = Asked(pretensions[0], Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
     found = find_pose(load_rig(rig), asked)
     if out is None:
         _tell(found, json=json)
@@ -82,38 +100,14 @@ def _tell(found: "Posed | Workspace", figure: "Figure | None" = None, out: Path 
         from sinew.figures.style import save_figure
 
         save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
-    console.print_result(found.document(), found.told(), f"wrote {out}" if figure is not None else "", json=json)
+    console.print_result(found.to_dict(), found.blocks(), f"wrote {out}" if figure is not None else "", json=json)
 
 
-def _check_picture(out: Path | None) -> None:
-    if out is None:
-        return
-    if out.suffix[1:] not in _FORMATS:
-        raise SpecError(f"--out is {out}, expected a name that ends with .png, .pdf or .svg")
-    console.require_file(out)
-
-
-def workspace(
-    rig: RigArgument,
-    pretension: Annotated[str, option("MM,...", "Pretensions, one map for each.", "--pretension-mm")] = "0,6,12",
-    step: Annotated[float, option("DEG", "From one pose to the next.", "--step-deg")] = 2.0,
-    mode: Mode = "position",
-    scheduler: Scheduler = None,
-    workers: Workers = 1,
-    keep: Keep = None,
-    device: Device = "cpu",
-    out: Annotated[Path | None, option("FILE.png", "Draw the maps into this file (png, pdf, svg).")] = None,
-    json: Json = False,
+def _map(
+    rig: str, pretensions: list[float], step: float, mode: str, spread: "Spread", out: Path | None, *, json: bool
 ) -> None:
-    """Map the poses that a joint reaches, over pitch and roll: where tendons go slack, what breaks a limit.
-
-    The map goes as far as the rig may bend (limits.bend_deg, else 40°).
-    """
-    console.check_choice("--mode", mode, MODES)
+    """Map the poses that a joint reaches, and print or draw the maps."""
     console.checked_number("--step-deg", step, "0.1 to 40", low=0.1, high=40)
-    pretensions = console.number_list("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
-    _check_picture(out)
-    spread = console.spread_of(scheduler, workers, keep, device)
     from sinew.plan.toml import load_rig
     from sinew.predict.workspace import map_workspace
 
@@ -130,9 +124,6 @@ def workspace(
 # ---- `sinew modes`: torsion, sway and their coupling, over pretension and bend
 
 
-ENDINGS = (".png", ".pdf", ".svg", ".html")
-
-
 def modes(
     rig: RigArgument,
     pretension: Annotated[str, option("MM,...", "Pretensions, modes for each.", "--pretension-mm")] = "0,6,12",
@@ -147,22 +138,18 @@ def modes(
     ] = 16,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     out: Annotated[
-        Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with moving shapes, .html.")
+        Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with all figures, .html.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Give the modes of a joint that bends: frequency, damping, where their energy is, how the head moves.
+    """Give the modes of a joint that bends.
 
-    Torsion, sway in the plane of the bend and across it, and axial, over pretension and bend; where sway and torsion
-    meet at 1:1 and 2:1, and how close they come. The rig needs a [space] with the masses of head and lever: intervals
+    Frequency, damping, where their energy is, how the head moves. Torsion, sway in the plane of the bend and across
+    it, and axial, over pretension and bend. The rig needs a [space] with the masses of head and lever: intervals
     are over the bounds of those that are assumed.
     """
     if out is not None:
-        if out.suffix not in ENDINGS:
-            raise SpecError(
-                f"--out is {out}, expected a name that ends with {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
-            )
-        console.require_file(out)
+        console.require_ending(out, (*console.PICTURES, ".html"))
     console.check_choice("--mode", mode, MODES)
     check_angle("--swing-deg", swing)
     pretensions = console.number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
@@ -183,9 +170,9 @@ def modes(
             seed=seed,
             progress=progress,
         )
-    document = found.document()
+    document = found.to_dict()
     if out is not None:
         from sinew.figures.space import write_modes
 
         document["file"] = str(write_modes(found, out))
-    console.print_result(document, found.told(), f"wrote {out}" if out else "", json=json)
+    console.print_result(document, found.blocks(), f"wrote {out}" if out else "", json=json)

@@ -1,6 +1,5 @@
-"""`sinew analyse` and `sinew current`: a recording becomes resonance and damping; whose current its motors tell."""
+"""`sinew analyse`: a recording becomes resonance and damping; and whose current its motors tell."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -14,13 +13,18 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from sinew.analysis.analysed import Analysed
-    from sinew.measure.schema import ReadKind
+    from sinew.analysis.results import Analysed
+    from sinew.measure.recording import ReadKind
+
+_KINDS = f"{console.KINDS}|current"
 
 
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
-    kind: Annotated[str | None, option(console.KINDS, "What a CSV file holds; without it, auto finds out.")] = None,
+    kind: Annotated[
+        str | None,
+        option(_KINDS, "What a table holds; without it, auto finds out. current: of a bench's recording, see below."),
+    ] = None,
     time: console.ColumnTime = None,
     response: console.ColumnResponse = None,
     drive: console.ColumnDrive = None,
@@ -41,27 +45,30 @@ def analyse(
     out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figures.")] = None,
     json: Json = False,
 ) -> None:
-    """Analyse a ring-down, a sweep, a broadband record, hammer blows or a whole recording.
+    """Turn a recording or a table into resonance and damping.
 
-    A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
-    the table of gain and phase, and from six frequencies on the resonance; a broadband record (chirp, noise,
-    multisine) and one of hammer blows (impact) give their frequency response with coherence, and the modes in it. A
-    resonance that was tracked gives where it was, with what lag, and its figure.
-    Without --kind it is found out which of these a table holds, and said with the reason. A time that is the only one
-    by its name, and a response that is the only other column of numbers, need not be named; `sinew look` tells what is
-    in a file.
+    It may hold a ring-down, a sweep, a broadband record, hammer blows, or a whole campaign. A ring-down gives
+    frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives the table of gain
+    and phase, and from six frequencies on the resonance; a broadband record (chirp, noise, multisine) and one of
+    hammer blows (impact) give their frequency response with coherence, and the modes in it. A resonance that was
+    tracked gives where it was, with what lag, and its figure. Without --kind it is found out which of these a table
+    holds, and said with the reason. A time that is the only one by its name, and a response that is the only other
+    column of numbers, need not be named; `sinew look` tells what is in a file. With --kind current a recording of a
+    bench tells whether Present Current is the motor's or its supply's, motor by motor. At the same torque the
+    motor's current stays where the duty changes, the supply's goes with it: the answer is the exponent of the duty
+    with a 90 % interval, 0 for the motor's and 1 for the supply's, or undetermined. The plan `current` moves all
+    motors so that it can be told.
     """
+    if kind == "current":
+        _current(file, rig, json=json)
+        return
     from sinew.analysis.analysed import analyse as find
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
     from sinew.measure.recording import cut_recording
 
-    if settle is not None and kind == "ring-down":
-        raise SpecError("--settle is for a sweep; the decay of a ring-down is found by itself")
-    if settle is not None and not 0 <= settle < math.inf:
-        raise SpecError(f"--settle is {settle:g}, expected a time of 0 s or more")
     if kind is not None:
-        console.check_choice("--kind", kind, console.KINDS.split("|"))
+        console.check_choice("--kind", kind, _KINDS.split("|"))
     if out is not None:
         console.require_folder(out)
     if is_recording(file):
@@ -82,7 +89,7 @@ def analyse(
     )
     if out is not None:
         _write(found, out)
-    console.print_result(found.document, found.told(), json=json)
+    console.print_result(found.to_dict(), found.blocks(), json=json)
     for note in found.notes:
         console.remark(note)
 
@@ -121,11 +128,12 @@ def _write(found: "Analysed", folder: Path) -> None:
     save_recording(found.recording, folder / "recording.nc")
     if found.dataset is not None:
         save_dataset(found.dataset, folder / "results.nc")
-    console.write_json(found.document, folder / "analysis.json")
-    if found.document.get("tracking"):
+    document = found.to_dict()
+    console.write_json(document, folder / "analysis.json")
+    if "tracking" in document:
         from sinew.figures.tuned import save_tracking
 
-        save_tracking(found.document["tracking"], folder)
+        save_tracking(document["tracking"], folder)
     for name, figure in _figures(found).items():
         from sinew.figures.style import save_figure
 
@@ -136,37 +144,24 @@ def _figures(found: "Analysed") -> "dict[str, Figure]":
     """Return the figures of what was found by name: of many frequencies or hammer blows one, else response and decay,
     each where there is one."""
     from sinew.analysis.analysed import analyse_recording
+    from sinew.analysis.results import RingDownResult, SpectrumResult
     from sinew.figures.decay import draw_decay
     from sinew.figures.response import draw_broadband, draw_response
 
-    kind = str(found.document["kind"])
-    if kind in ("broadband", "impact"):
-        return {kind: draw_broadband(found.document)}
-    if found.dataset is None and kind != "ring-down":
+    if isinstance(found, SpectrumResult):
+        document = found.to_dict()
+        return {str(document["kind"]): draw_broadband(document)}
+    if found.dataset is None and not isinstance(found, RingDownResult):
         return {}
     results = analyse_recording(found.recording) if found.dataset is None else found.dataset
     drawn = {"response": draw_response(results), "decay": draw_decay(found.recording, results)}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
-# ---- the command `sinew current`: whose current the motors of a recording tell, their own or their supply's
-
-
-def current(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording of a bench (NetCDF).")],
-    rig: Annotated[str | None, option("RIG", "A rig: unit of the current; else the recording's.")] = None,
-    json: Json = False,
-) -> None:
-    """Tell whether Present Current is the motor's or its supply's, motor by motor, from a recording of a bench.
-
-    Nothing but duty, speed and current is asked: at the same torque the motor's current stays where the duty changes,
-    the supply's goes with it. The answer is the exponent of the duty with a 90 % interval, 0 for the motor's and 1 for
-    the supply's, and says undetermined where the recording does not part the two. The plan `current` loads and moves
-    all motors so that it does.
-    """
+def _current(file: Path, rig: str | None, *, json: bool) -> None:
+    """Print whose current the motors of a recording tell, their own or their supply's."""
     from sinew.analysis.analysed import recording_rig
-    from sinew.analysis.current import currents_told, sense_currents
-    from sinew.measure.errors import SpecError
+    from sinew.analysis.signal.motors import sense_currents
     from sinew.measure.files.netcdf import load_recording
 
     recording = load_recording(file)
@@ -174,4 +169,4 @@ def current(
     if used is None:
         raise SpecError(f"{file} names no rig, expected one for the unit of the current; name it with --rig")
     found = sense_currents(recording, used.tendons.current_lsb.value)
-    console.print_result({"motors": [one.to_json() for one in found]}, currents_told(found), json=json)
+    console.print_result(found.to_dict(), found.blocks(), json=json)

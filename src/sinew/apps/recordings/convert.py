@@ -1,14 +1,18 @@
-"""`sinew look`, `import`, `export`, `table` and `film`: files for and of other programs, looked into and written."""
+"""`sinew look`, `import` and `export`: files for and of other programs, looked into and written."""
 
 import json as json_
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sinew.apps import console
+from sinew.apps.bench.stream import stream_run
 from sinew.apps.console import Json, option
-from sinew.measure.errors import FileError, SpecError
+from sinew.measure.errors import FileError, SchemaError, SpecError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def look(
@@ -18,15 +22,16 @@ def look(
     rate: console.Rate = None,
     json: Json = False,
 ) -> None:
-    """Tell what is in a file: format, runs, columns with their units, rate, gaps, and the command to go on with.
+    """Tell what is in a file, and the command to go on with.
 
-    Text in any dialect (preambles, units below the header, decimal commas, no header at all), LabVIEW .lvm, MATLAB
-    .mat, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.
+    Format, runs, columns with their units, rate and gaps are listed. Text in any dialect (preambles, units below
+    the header, decimal commas, no header at all), LabVIEW .lvm, MATLAB .mat, HDF5, TDMS, UFF 58, Excel, Parquet,
+    MCAP.
     """
     from sinew.measure.read import look as find
 
     found = find(file, run=run, columns=columns, rate_hz=rate)
-    console.print_result(found.document, found.told(), json=json)
+    console.print_result(found.to_dict(), found.blocks(), json=json)
 
 
 def import_(
@@ -44,13 +49,16 @@ def import_(
     rate: console.Rate = None,
     json: Json = False,
 ) -> None:
-    """Turn somebody's file into a recording: text in any dialect, MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.
+    """Turn a table of any lab into a recording.
 
-    Units: after the column (angle:deg, stamp:ms), else from its name (angle_deg, x [mm]), else seconds for the time and
-    none for the rest.
+    Text in any dialect, MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP. Units: after the column (angle:deg,
+    stamp:ms), else from its name (angle_deg, x [mm]), else seconds for the time and none for the rest.
     """
     from sinew.measure.files.netcdf import save_recording
+    from sinew.measure.read import is_recording
 
+    if is_recording(file):
+        raise SpecError(f"{file} is NetCDF, as recordings of Sinew are; analyse that, or export another's as CSV")
     recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps, run, columns, rate)
     save_recording(recording, console.require_file(out))
     notes = [note for note in str(recording.attrs.get("import_notes", "")).splitlines() if note]
@@ -69,47 +77,74 @@ def import_(
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, option("csv|mat|parquet|uff|mcap", "The format to write.")],
-    out: Annotated[Path, option("PATH", "The file to write.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A recording or results (.nc), what --json of a command printed (.json), the folder of its --out, or "
+            "of a run.",
+        ),
+    ],
+    to: Annotated[str, option("csv|mat|parquet|uff|mcap|latex|foxglove", "The format to write.")],
+    out: Annotated[Path | None, option("PATH", "The file to write; without it, tables are printed.")] = None,
+    part: Annotated[str | None, option("NAME,...", "Of results: only these tables, as resonance or ring_down.")] = None,
+    columns: Annotated[
+        str | None, option("NAME,...", "Of results: only these columns, in this order, as pretension_mm,resonance_hz.")
+    ] = None,
+    port: Annotated[
+        int, option("N", "Foxglove: port of the web socket on this machine; 0 takes a free one.", "--ws-port")
+    ] = 8765,
+    back: Annotated[float, option("S", "Foxglove: send first what was measured so long before.", "--back-s")] = 10.0,
+    until_end: Annotated[
+        bool, typer.Option("--until-end/--wait", help="Foxglove: leave when the run is over, or go on until Ctrl-C.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Write a recording for other programs: CSV or Parquet table, MATLAB, UFF 58, MCAP (Foxglove, PlotJuggler)."""
-    from sinew.measure.files.export import EXPORTS, export_recording
-    from sinew.measure.files.netcdf import load_recording
+    """Write a recording or results for other programs.
 
-    console.check_choice("--to", to, EXPORTS)
-    recording = load_recording(file)
+    The samples of a recording: CSV or Parquet table, MATLAB, UFF 58, MCAP (Foxglove, PlotJuggler). Tables of results
+    with their uncertainties: LaTeX (booktabs, longtable, siunitx), where a number is 3.021(20), or CSV, where its
+    standard deviation and 90 % interval have columns. --to csv of a recording writes its samples; with --part, tables.
+    --to foxglove streams a run as it goes, over Foxglove's web socket, on this machine only: the journal is read, the
+    bench is never touched, and nothing can be sent back.
+    """
+    from sinew.measure.files.formats import EXPORTS, export_recording
+
+    console.check_choice("--to", to, (*EXPORTS, "latex", "foxglove"))
+    if to == "foxglove":
+        if out is not None:
+            raise SpecError("found --out with --to foxglove, which writes no file; leave it out")
+        stream_run(source, port, back, until_end=until_end, json=json)
+        return
+    recording = None if to == "latex" or (to == "csv" and (part or columns)) else _recording(source, to)
+    if recording is None:
+        _export_tables(source, to, part, columns, out, json=json)
+        return
+    if out is None:
+        raise SpecError(f"found --to {to} without --out; name the file to write")
     export_recording(recording, console.require_file(out), to)
     document = {"file": str(out), "format": to, "samples": recording.sizes["sample"]}
     console.print_result(document, [f"{out}: {recording.sizes['sample']} samples"], json=json)
 
 
-# Results as tables.
+def _recording(source: Path, to: str) -> "xr.Dataset | None":
+    """Return the recording that a file is, or None of results that --to csv writes as tables."""
+    from sinew.measure.files.netcdf import load_recording
+
+    if to == "csv" and (source.is_dir() or source.suffix == ".json"):
+        return None
+    try:
+        return load_recording(source)
+    except SchemaError:
+        if to == "csv":
+            return None
+        raise
 
 
-def table(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT",
-            help="What --json of a command printed (.json), results or a recording (.nc), or the folder of its --out.",
-        ),
-    ],
-    to: Annotated[str, option("latex|csv", "The format, where --out does not say it.")] = "latex",
-    part: Annotated[str | None, option("NAME,...", "Only these tables, as resonance or ring_down.")] = None,
-    columns: Annotated[
-        str | None, option("NAME,...", "Only these columns, in this order, as pretension_mm,resonance_hz.")
-    ] = None,
-    out: Annotated[Path | None, option("FILE", "Write .tex, or .csv (one file for each table); else print.")] = None,
-    json: Json = False,
+def _export_tables(
+    source: Path, to: str, part: str | None, columns: str | None, out: Path | None, *, json: bool
 ) -> None:
-    """Write tables of results with their uncertainties: LaTeX (booktabs, longtable, siunitx) or CSV.
-
-    Resonances, damping, response and energy of a recording, the mechanics of a fit, the paper's numbers beside the
-    measured ones: every table that a result's document has. In LaTeX a number is 3.021(20), in CSV its standard
-    deviation and 90 % interval have columns.
-    """
+    """Write tables of results, or print them where no file is named."""
     from sinew.measure.files.tables import (
         FORMATS,
         csv_table,
@@ -120,16 +155,14 @@ def table(
         tables_of,
     )
 
-    console.check_choice("--to", to, tuple(FORMATS))
     if out is not None:
-        if out.suffix not in FORMATS.values():
-            raise SpecError(f"--out is {out}, expected a name that ends with {' or '.join(FORMATS.values())}")
+        if out.suffix != FORMATS[to]:
+            raise SpecError(f"--out is {out}, expected a name that ends with {FORMATS[to]}")
         console.writable_file(out)
     document = _result_document(source)
     parts, chosen = ([] if names is None else [name.strip() for name in names.split(",")] for names in (part, columns))
     tables = tables_of(document, parts, chosen)
-    in_latex = not json and (FORMATS[to] if out is None else out.suffix) == FORMATS["latex"]
-    if wide := [one.name for one in tables if in_latex and is_wide(one)]:
+    if not json and to == "latex" and (wide := [one.name for one in tables if is_wide(one)]):
         console.remark(f"wider than a page: {', '.join(wide)}; --columns chooses what they have")
     if out is not None:
         for file in table_files(out, tables):
@@ -150,14 +183,13 @@ def table(
 def _result_document(source: Path) -> dict[str, Any]:
     """Return the document of a result: of a file of JSON, of results, of a recording, of a campaign's folder, whose
     summary has the paper's numbers, or of the folder that a command made with --out."""
-    from sinew.analysis.analysed import analyse, results_document
-    from sinew.measure.errors import SchemaError
+    from sinew.analysis.analysed import analyse, recording_result
     from sinew.measure.files.netcdf import load_results
 
     if source.is_dir():
         found: dict[str, Any] = {}
         if (source / "results.nc").is_file():
-            found |= results_document(load_results(source / "results.nc"))
+            found |= recording_result(load_results(source / "results.nc")).to_dict()
         if (source / "summary.json").is_file():
             found["paper"] = _read_json(source / "summary.json").get("paper", [])
         documents = [] if found else sorted(source.glob("*.json"))
@@ -170,9 +202,9 @@ def _result_document(source: Path) -> dict[str, Any]:
     if source.suffix == ".json":
         return _read_json(source)
     try:
-        return results_document(load_results(source))
+        return recording_result(load_results(source)).to_dict()
     except SchemaError:
-        return analyse(source).document
+        return analyse(source).to_dict()
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -183,38 +215,3 @@ def _read_json(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise FileError(f"{path} is no result's document, which is one JSON object")
     return document
-
-
-# A recording as a film.
-
-
-def film(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    out: Annotated[Path, option("FILE", "The film: .gif or .webp; .mp4 or .webm where ffmpeg is installed.")],
-    kind: Annotated[str, option("decay|sweep", "A ring-down, or the drive frequencies of one pretension.")] = "decay",
-    pretension: Annotated[float, option("MM", "The pretension to show, or the closest one.", "--pretension-mm")] = 0.0,
-    speed: Annotated[float, option("X", "How fast it plays: 1 as it was, 0.25 four times slower.")] = 1.0,
-    frames: Annotated[int, option("N", "Pictures in a second.", "--frames-per-s")] = 25,
-    json: Json = False,
-) -> None:
-    """Film a recording: the joint as it swings, its amplitude, and its motion over itself (the paper's Video S1)."""
-    from sinew.figures.film import FilmKind, save_film
-    from sinew.measure.files.netcdf import load_recording
-
-    console.check_choice("--kind", kind, get_args(FilmKind))
-    if not (0 < speed <= 100 and 1 <= frames <= 100):
-        raise SpecError(f"found --speed {speed:g} and --frames-per-s {frames}; expected 0 to 100 and 1 to 100")
-    console.require_file(out)
-    recording = load_recording(file)
-    with console.progress_bar("film") as progress:
-        count = save_film(
-            recording,
-            out,
-            cast(FilmKind, kind),
-            pretension,
-            frames_per_s=frames,
-            speed=speed,
-            progress=progress,
-        )
-    document = {"film": str(out), "kind": kind, "frames": count, "lasts_s": count / frames}
-    console.print_result(document, [f"{out}: {count} frames, {count / frames:.1f} s"], json=json)

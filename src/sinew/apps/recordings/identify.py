@@ -1,12 +1,11 @@
 """`sinew identify`: the mechanics of an oscillation from its recording."""
 
 import re
-import shlex
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -28,7 +27,7 @@ from sinew.apps.console import (
 )
 from sinew.measure.errors import FileError, SinewError, SpecError, TimeError
 from sinew.measure.estimate import shown
-from sinew.measure.told import Table
+from sinew.measure.result import Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.stepped.points import ResponsePoints
-    from sinew.measure import timing
     from sinew.measure.files.csv import Table as CsvTable
     from sinew.measure.tasks import Spread
 
@@ -48,6 +46,7 @@ KINDS = ("samples", "stepped")
 
 
 def identify(
+    context: typer.Context,
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -69,16 +68,10 @@ def identify(
     rate: Rate = None,
     pretension: Annotated[float | None, option("MM", "Of a rig's recording; else its smallest.")] = None,
     rig: Annotated[str | None, option("RIG", "Where model tendon begins; else the recording's rig.")] = None,
-    profile: Annotated[
-        bool, flag("--profile", "Add intervals of the nonlinear numbers by profile likelihood.")
-    ] = False,
     posterior: Annotated[
         bool, flag("--posterior", "Add the posterior by NUTS: minutes; needs the extra posterior.")
     ] = False,
-    bootstrap: Annotated[
-        int | None, option("N", "Of a rig's repeats: add intervals from N draws of them.", min=20)
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the posterior's draws.")] = 0,
     kind: Annotated[str, option("|".join(KINDS), "What FILE holds: samples, or steady states of a sine.")] = "samples",
     frequency: Annotated[
         str | None, option("COL", "Of steady states: column of frequencies; else frequency_hz.")
@@ -93,13 +86,14 @@ def identify(
     out: Annotated[Path | None, option("DIR", "Folder for fit.json, fit.html and figures.")] = None,
     json: Json = False,
 ) -> None:
-    """Identify stiffness, damping law and nonlinearity, with intervals, and say which model the data support.
+    """Identify stiffness, damping law and nonlinearity.
 
-    Without --train and --test the fit is to all samples, and every fourth block of them is held out once to compare
-    models. With --model auto the stiffness law and the damping law are chosen, or it says what cannot be told.
-    Of a free decay the free part is found, unless --start, --stop, --train or --test choose one.
-    Several files, or a folder (of runs, or of recordings), are a row each, by workers side by side, and --out takes
-    the document of each as it comes; a file that tells nothing is a row that says why.
+    Each with an interval; which model the data support is said. Without --train and --test the fit is to all
+    samples, and every fourth block of them is held out once to compare models. With --model auto the stiffness law
+    and the damping law are chosen, or it says what cannot be told. Of a free decay the free part is found, unless
+    --start, --stop, --train or --test choose one. Several files, or a folder (of runs, or of recordings), are a row
+    each, by workers side by side, and --out takes the document of each as it comes; a file that tells nothing is a
+    row that says why.
 
     \b
     a force sweep, figures too:
@@ -121,6 +115,7 @@ def identify(
     if excitation is not None:
         console.check_choice("--excitation", excitation, EXCITATIONS)
     console.check_choice("--kind", kind, KINDS)
+    console.checked_gaps(gaps)
     if out is not None:
         console.require_folder(out)
     many = _recordings_in(files)
@@ -129,29 +124,8 @@ def identify(
         raise SpecError("--scheduler, --workers and --keep are for several files, or a folder; leave them out")
     asked = _Asked(
         file=files[0],
-        time=time,
-        input=input_,
-        output=output,
-        rate_hz=rate,
-        excitation=cast("Excitation | None", excitation),
-        model=model,
-        start_s=start,
-        stop_s=stop,
-        gaps=console.checked_gaps(gaps),
-        run=run,
-        columns=columns,
-        train=_range("--train", train),
-        test=_range("--test", test),
-        pretension_mm=pretension,
-        rig=rig,
-        profile=profile,
-        posterior=posterior,
-        bootstrap=bootstrap,
-        seed=seed,
-        kind=kind,
-        frequency=frequency,
-        phase=phase,
-        chain=chain,
+        given=console.given_options(context),
+        **{name: context.params[name] for name in _Asked.__annotations__ if name not in ("file", "given")},
     )
     if many is not None:
         _identify_many([replace(asked, file=file) for file in many], spread, out, json=json)
@@ -160,8 +134,8 @@ def identify(
     written = ""
     if out is not None:
         with console.progress_bar("draw"):
-            written = f"page: {_write(found, asked, out)}"
-    console.print_result(found.document, found.told(), written, json=json)
+            written = f"page: {_write(found, asked, out, console.command_line(context))}"
+    console.print_result(found.to_dict(), found.blocks(), written, json=json)
 
 
 # Several files: each is a task.
@@ -187,18 +161,14 @@ def _identify_many(asked: "list[_Asked]", spread: "Spread", out: Path | None, *,
     from sinew.measure.tasks import each_task
 
     tasks = [(replace(one, file=one.file.absolute()), _stamp(one.file)) for one in asked]
-    documents: dict[int, dict[str, Any]] = {}
+    rows: list[dict[str, Any]] = [{}] * len(asked)
     with console.progress_bar("identify") as progress:
         for place, found in each_task(_one_of_many, tasks, spread, progress):
-            documents[place] = {"file": str(asked[place].file), **found}
+            file = asked[place].file
+            rows[place] = {"file": str(file), **found}
             if out is not None:
-                name = (
-                    asked[place].file.parent.name
-                    if asked[place].file.name == "recording.nc"
-                    else asked[place].file.stem
-                )
-                console.write_json(documents[place], out / f"{place + 1:04d}-{name}.json")
-    rows = [documents[place] for place in range(len(asked))]
+                name = file.parent.name if file.name == "recording.nc" else file.stem
+                console.write_json(rows[place], out / f"{place + 1:04d}-{name}.json")
     sound = [row for row in rows if "refused" not in row]
     cells = [
         (row["file"], row["model"], *(shown(row[name]) for name in ("natural_frequency_hz", "damping_ratio")))
@@ -222,84 +192,73 @@ def _stamp(file: Path) -> tuple[int, int]:
 def _one_of_many(task: "tuple[_Asked, tuple[int, int]]") -> dict[str, Any]:
     """Return the document of one file, or why there is none."""
     try:
-        return _found(task[0], lambda _: nullcontext()).document
+        return _found(task[0], lambda _: nullcontext()).to_dict()
     except SinewError as refusal:
         return {"refused": str(refusal)}
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """What the command line asked for."""
+    """What the command line asked for: the options by the command's parameters, and which of them were given."""
 
     file: Path
+    given: dict[str, str]
     time: str | None
-    input: str | None
+    input_: str | None
     output: str | None
-    rate_hz: float | None
+    rate: float | None
     excitation: "Excitation | None"
     model: str
-    start_s: float | None
-    stop_s: float | None
+    start: float | None
+    stop: float | None
     gaps: Literal["refuse", "split", "bridge"]
     run: str | None
     columns: str | None
-    train: tuple[int, int] | None
-    test: tuple[int, int] | None
-    pretension_mm: float | None
+    train: str | None
+    test: str | None
+    pretension: float | None
     rig: str | None
-    profile: bool
     posterior: bool
-    bootstrap: int | None
     seed: int
     kind: str
     frequency: str | None
     phase: str | None
     chain: str | None
 
-    def more(self) -> list[str]:
-        """Return the options that ask for something to be added to the fit."""
-        found = [name for name, given in (("--profile", self.profile), ("--posterior", self.posterior)) if given]
-        found += ["--bootstrap", str(self.bootstrap)] if self.bootstrap is not None else []
-        return [*found, "--seed", str(self.seed)] if self.posterior or self.bootstrap is not None else found
-
-    def steps(self) -> dict[str, str | None]:
-        """Return what was asked of steady states, by option."""
-        kind = None if self.kind == "samples" else self.kind
-        return {"--kind": kind, "--frequency": self.frequency, "--phase": self.phase, "--chain": self.chain}
-
     def about(self) -> str:
         """Return what was fitted, a sentence for the page."""
-        shown = {"input": self.input, "output": self.output, "excitation": self.excitation}
+        shown = {"input": self.input_, "output": self.output, "excitation": self.excitation}
         told = ", ".join(f"{name} {value}" for name, value in shown.items() if value is not None)
         return f"From {self.file.name}{f': {told}' if told else ''}."
 
-    def command(self, out: Path) -> str:
-        """Return the command line that makes all of it again."""
-        options = {
-            "--run": self.run,
-            "--columns": self.columns,
-            "--gaps": _said(self.gaps),
-            "--time": self.time,
-            "--rate": None if self.rate_hz is None else f"{self.rate_hz:g}",
-            "--input": self.input,
-            "--output": self.output,
-            "--excitation": self.excitation,
-            "--model": self.model,
-            "--start": None if self.start_s is None else f"{self.start_s:.12g}",
-            "--stop": None if self.stop_s is None else f"{self.stop_s:.12g}",
-            "--train": None if self.train is None else f"{self.train[0]}:{self.train[1]}",
-            "--test": None if self.test is None else f"{self.test[0]}:{self.test[1]}",
-            "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
-            "--rig": self.rig,
-            **self.steps(),
-        }
-        words = [word for name, value in options.items() if value is not None for word in (name, value)]
-        return shlex.join(["sinew", "identify", str(self.file), *words, *self.more(), "--out", str(out)])
+
+_OF_TABLES = ("time", "input_", "output", "frequency", "phase", "rate", "run", "columns", "gaps")
+_OF_RIGS = ("pretension", "rig")
+_OF_SAMPLES = ("time", "rate", "train", "test", "start", "stop", "gaps", "posterior", "seed")
+_OF_STEPS = ("frequency", "phase", "chain")
 
 
-def _said(gaps: str) -> str | None:
-    """Return the word of --gaps, None where it is the default."""
-    return None if gaps == "refuse" else gaps
+def _refuse_options(asked: _Asked, *, recorded: bool) -> None:
+    """Raise SpecError for an option that does not go with the file, or with --kind. recorded: whether it is NetCDF."""
+
+    def first(names: tuple[str, ...]) -> str | None:
+        return next((asked.given[name] for name in names if name in asked.given), None)
+
+    if asked.kind == "samples" and (option := first(_OF_STEPS)):
+        raise SpecError(f"{option} is for steady states; add --kind stepped, or leave it out")
+    if asked.kind == "stepped" and (option := first(_OF_SAMPLES)):
+        raise SpecError(f"{option} is for samples over time, FILE holds steady states; leave it out")
+    if asked.kind == "stepped" and asked.model == "tendon":
+        raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
+    if recorded and first(_OF_TABLES):
+        raise SpecError(
+            "a recording knows its columns and its gaps; --time, --input, --output, --frequency, --phase, --rate, "
+            "--run, --columns and --gaps are for tables"
+        )
+    if not recorded and asked.model == "tendon":
+        raise SpecError("model tendon needs the recording of a rig (NetCDF), this is a table; choose cubic or auto")
+    if not recorded and (option := first(_OF_RIGS)):
+        raise SpecError(f"{option} is for the recording of a rig (NetCDF), this is a table; leave it out")
 
 
 def _range(flag: str, text: str | None) -> tuple[int, int] | None:
@@ -315,113 +274,44 @@ _Bar = Callable[[str], AbstractContextManager[console.Progress | None]]
 
 
 def _found(asked: _Asked, bar: _Bar) -> "Identified":
-    return _find_stepped(asked, bar) if asked.kind == "stepped" else _find(asked, bar)
-
-
-def _find(asked: _Asked, bar: _Bar) -> "Identified":
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
-    for name, value in asked.steps().items():
-        if value is not None:
-            raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
-    record: xr.Dataset | Record
-    train, test = asked.train, asked.test
+    recorded = is_recording(asked.file)
+    _refuse_options(asked, recorded=recorded)
+    train, test = _range("--train", asked.train), _range("--test", asked.test)
+    chain = _chain(asked.chain)
+    record: xr.Dataset | Record | tuple[ResponsePoints, ...]
     with bar("models compared" if asked.model == "auto" else "fit") as progress:
-        if is_recording(asked.file):
-            refuse_columns(
-                asked.time, asked.input, asked.output, asked.rate_hz, asked.run, asked.columns, _said(asked.gaps)
-            )
+        if asked.kind == "stepped":
+            record = _recorded_points(asked) if recorded else _table_points(asked)
+        elif recorded:
             record = load_recording(asked.file)
         else:
-            refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
-            if asked.excitation is None and asked.input is not None:
-                raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
-            if asked.gaps != "refuse" and (train is not None or test is not None):
-                what = "a part" if asked.gaps == "split" else "leaves some out"
-                raise SpecError(
-                    f"--train and --test choose samples, and --gaps {asked.gaps} {what}; leave one of them out"
-                )
-            judged = None if train is None else _hull(train, test)
-            record = table_record(
-                asked.file,
-                asked.time,
-                asked.input,
-                asked.output,
-                asked.excitation or "none",
-                asked.rate_hz,
-                stretch_s=(asked.start_s, asked.stop_s),
-                samples=judged,
-                gaps=asked.gaps,
-                run=asked.run,
-                columns=asked.columns,
-            )
-            if judged is not None and (judged[1] is None or record.size == judged[1] - judged[0]):
-                train, test = _moved(train, judged[0]), _moved(test, judged[0])
+            record, skipped = _table_record(asked, train, test)
+            train, test = _moved(train, skipped), _moved(test, skipped)
         from sinew.identify.identified import identify as run  # JAX: seconds, behind the bar
 
+        steady = asked.kind == "stepped"
         return run(
             record,
             asked.model,
-            excitation=asked.excitation,
-            pretension_mm=asked.pretension_mm,
-            rig=asked.rig,
-            start_s=asked.start_s,
-            stop_s=asked.stop_s,
+            excitation=None if steady else asked.excitation,
+            pretension_mm=None if steady else asked.pretension,
+            rig=None if steady else asked.rig,
+            start_s=asked.start,
+            stop_s=asked.stop,
             train=train,
             test=test,
-            profile=asked.profile,
-            bootstrap=asked.bootstrap,
             posterior=asked.posterior,
+            chain=chain,
             seed=asked.seed,
             progress=progress,
         )
 
 
-def _hull(train: tuple[int, int], test: tuple[int, int] | None) -> tuple[int, int | None]:
-    """Return the samples that matter: those of both ranges and between them; without a test all behind the first."""
-    return (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
-
-
 def _moved(samples: tuple[int, int] | None, by: int) -> tuple[int, int] | None:
     return None if samples is None else (samples[0] - by, samples[1] - by)
-
-
-def _find_stepped(asked: _Asked, bar: _Bar) -> "Identified":
-    from sinew.identify.identified import identify as run
-    from sinew.measure.read import is_recording
-
-    given = {"--time": asked.time, "--rate": asked.rate_hz, "--train": asked.train, "--test": asked.test}
-    given |= {
-        "--start": asked.start_s,
-        "--stop": asked.stop_s,
-        "--gaps": _said(asked.gaps),
-    }
-    given |= dict.fromkeys(asked.more(), "")
-    for name, value in given.items():
-        if value is not None:
-            raise SpecError(f"{name} is for samples over time, FILE holds steady states; leave it out")
-    if asked.model == "tendon":
-        raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
-    chain = _chain(asked.chain)
-    if is_recording(asked.file):
-        of_table = (asked.input, asked.output, asked.frequency, asked.phase, asked.run, asked.columns)
-        refuse_columns(*of_table)
-        points = recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
-    else:
-        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
-        points = table_points(
-            asked.file,
-            asked.frequency,
-            asked.phase,
-            asked.input,
-            asked.output,
-            asked.excitation,
-            run=asked.run,
-            columns=asked.columns,
-        )
-    with bar("models compared" if asked.model == "auto" else "fit") as progress:
-        return run(points, asked.model, chain=chain, progress=progress)
 
 
 def _chain(text: str | None) -> tuple[str, ...]:
@@ -433,7 +323,7 @@ def _chain(text: str | None) -> tuple[str, ...]:
     return tuple(name for part in known if part in parts for name in known[part])
 
 
-def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
+def _write(found: "Identified", asked: _Asked, out: Path, rebuild: str) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
     from sinew.apps.recordings.stored import hash_file
     from sinew.figures.fit import draw_identified, write_fit_page
@@ -443,15 +333,14 @@ def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
     paths = []
     for name, figure in draw_identified(found).items():
         paths += save_figure(figure, out / "figures", name, ("png", "pdf"))
-    console.write_json(found.document, out / "fit.json")
+    console.write_json(found.to_dict(), out / "fit.json")
     versions = str(provenance("import")["versions"])
     return write_fit_page(
         out,
-        found.document,
-        sentences=found.sentences,
+        found,
         figures=paths,
         about=asked.about(),
-        rebuild=asked.command(out),
+        rebuild=rebuild,
         origins=[("file", str(asked.file)), ("SHA-256", hash_file(asked.file)), ("versions", versions)],
     )
 
@@ -459,96 +348,73 @@ def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
 # Files for it: the columns that its options name as a record, and steady states as points.
 
 
-def refuse_columns(*given: object) -> None:
-    """Raise SpecError where a recording was given columns."""
-    if any(value is not None for value in given):
-        raise SpecError(
-            "a recording knows its columns and its gaps; --time, --input, --output, --frequency, --phase, --rate, "
-            "--run, --columns and --gaps are for tables"
-        )
+def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int, int] | None) -> "tuple[Record, int]":
+    """Return the record in a table, and how many of its samples are left out before those of --train and --test.
 
-
-def refuse_rig_options(model: str, pretension_mm: float | None, rig: str | None, bootstrap: int | None) -> None:
-    """Raise SpecError where a table is asked what only the recording of a rig can answer."""
-    if model == "tendon":
-        raise SpecError("model tendon needs the recording of a rig (NetCDF), this is a table; choose cubic or auto")
-    for name, value in (("--pretension", pretension_mm), ("--rig", rig)):
-        if value is not None:
-            raise SpecError(f"{name} is for the recording of a rig (NetCDF), this is a table; leave it out")
-    if bootstrap is not None:
-        raise SpecError("--bootstrap draws among repeats, this table is one record; leave it out, or try --profile")
-
-
-def table_record(
-    file: Path,
-    time: str | None,
-    given: str | None,
-    output: str | None,
-    excitation: "Excitation",
-    rate_hz: float | None,
-    *,
-    stretch_s: tuple[float | None, float | None] = (None, None),
-    samples: tuple[int, int | None] | None = None,
-    gaps: "timing.Gaps" = "refuse",
-    run: str | None = None,
-    columns: str | None = None,
-) -> "Record":
-    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column.
-
-    stretch_s: from when to when, in the file's own time; samples: which of these, half open, the record is to hold.
-    What lies outside is not looked at. gaps: where they split the record, its longest part is taken; in a free decay
-    they may be bridged, for the simulation goes on through them. run, columns: as in
-    `sinew.measure.files.csv.read_table`.
+    What lies outside --start and --stop, or outside --train and --test, is not looked at. Where gaps split the record,
+    its longest part is taken; in a free decay they may be bridged, for the simulation goes on through them.
     """
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
     from sinew.measure.files.csv import read_stretch
 
-    if gaps == "bridge" and given is not None:
+    if asked.excitation is None and asked.input_ is not None:
+        raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
+    if asked.gaps != "refuse" and (train is not None or test is not None):
+        what = "a part" if asked.gaps == "split" else "leaves some out"
+        raise SpecError(f"--train and --test choose samples, and --gaps {asked.gaps} {what}; leave one of them out")
+    if asked.gaps == "bridge" and asked.input_ is not None:
         raise SpecError(
             "what the input did in a gap is not known, so it cannot be bridged; split the record there and take its "
             "longest part (--gaps split), or choose a part with --start and --stop"
         )
+    samples = None
+    if train is not None:  # those of both ranges and between them; without a test all behind the first
+        samples = (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
     found = read_stretch(
-        file,
-        {"output": output} | ({} if given is None else {"input": given}),
-        time=time,
-        rate_hz=rate_hz,
-        run=run,
-        columns=columns,
-        start_s=stretch_s[0],
-        stop_s=stretch_s[1],
+        asked.file,
+        {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_}),
+        time=asked.time,
+        rate_hz=asked.rate,
+        run=asked.run,
+        columns=asked.columns,
+        start_s=asked.start,
+        stop_s=asked.stop,
         samples=samples,
-        gaps=gaps,
+        gaps=asked.gaps,
     )
     timeline = found.timeline
     part = max(timeline.pieces, key=lambda piece: piece.stop - piece.start)
     stamps, response = timeline.time_s[part], found.values["output"][part]
-    drive = None if given is None else found.values["input"][part]
+    drive = None if asked.input_ is None else found.values["input"][part]
     if drive is not None and np.array_equal(drive, response):
-        raise SpecError(f"input and output are the same numbers ({given}); name the column of what drives the motion")
+        raise SpecError(
+            f"input and output are the same numbers ({asked.input_}); name the column of what drives the motion"
+        )
     record = make_record(
         stamps,
         response,
         drive,
-        excitation=excitation,
+        excitation=asked.excitation or "none",
         output_unit=found.units["output"],
         input_unit=found.units.get("input", "1"),
     )
-    if gaps == "bridge" and timeline.diagnosis.gaps:
+    if asked.gaps == "bridge" and timeline.diagnosis.gaps:
         _check_bridges(record)
     longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
     notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
     told = (*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ()))
-    return replace(record, notes=told, output_said=found.said["output"], input_said=found.said.get("input", ""))
+    record = replace(record, notes=told, output_said=found.said["output"], input_said=found.said.get("input", ""))
+    left_out = samples is not None and (samples[1] is None or record.size == samples[1] - samples[0])
+    return record, samples[0] if samples is not None and left_out else 0
 
 
 def _check_bridges(record: "Record") -> None:
     """Raise TimeError where a gap is so long that the swings in it cannot be counted."""
     import numpy as np
 
-    from sinew.identify.oscillator.start import dominant_omega
+    from sinew.identify.oscillator.record import dominant_omega
 
     steps, half = np.diff(record.time_s), np.pi / dominant_omega(record)
     longest = int(np.argmax(steps))
@@ -572,69 +438,57 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
     return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit, said
 
 
-def table_points(
-    file: Path,
-    frequency: str | None,
-    phase: str | None,
-    given: str | None,
-    output: str | None,
-    excitation: str | None,
-    *,
-    run: str | None = None,
-    columns: str | None = None,
-) -> tuple["ResponsePoints", ...]:
-    """Return the points in a table of steady states. Columns "COL[:unit]"."""
+def _table_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
+    """Return the points in a table of steady states."""
     from sinew.identify.stepped.points import points_of_table
     from sinew.measure.files.csv import find_columns, numbers, read_table
 
-    if given is None or output is None:
-        missing = "--output COL" if output is None else "--input COL"
-        raise SpecError(f"{file.name} holds steady states: name its columns of amplitudes; {missing} is missing")
-    if excitation in (None, "none"):
+    if asked.input_ is None or asked.output is None:
+        missing = "--output COL" if asked.output is None else "--input COL"
+        raise SpecError(f"{asked.file.name} holds steady states: name its columns of amplitudes; {missing} is missing")
+    if asked.excitation is None or asked.excitation == "none":
         raise SpecError("say what the input is: --excitation force|torque|base|lever")
-    table = read_table(file, run=run, columns=columns)
-    names, stated = find_columns(table, frequency or "frequency_hz")
+    table = read_table(asked.file, run=asked.run, columns=asked.columns)
+    names, stated = find_columns(table, asked.frequency or "frequency_hz")
     if (stated or "Hz").lower() != "hz":
         raise SpecError(f"--frequency is in {stated}, expected Hz")
-    angle, angle_unit, _ = _column(table, phase or "phase_deg")
+    angle, angle_unit, _ = _column(table, asked.phase or "phase_deg")
     if angle_unit not in ("rad", "1"):
         raise SpecError(f"--phase is in {angle_unit}, expected degrees or radians: COL:deg or COL:rad")
-    response, response_unit, output_said = _column(table, output)
-    drive, drive_unit, input_said = _column(table, given)
+    response, response_unit, output_said = _column(table, asked.output)
+    drive, drive_unit, input_said = _column(table, asked.input_)
     points = points_of_table(
         numbers(table, names[0]),
         response,
         angle,
         drive,
-        excitation=cast("Excitation", excitation),
+        excitation=asked.excitation,
         output_unit=response_unit,
         input_unit=drive_unit,
     )
     return tuple(replace(one, output_said=output_said, input_said=input_said) for one in points)
 
 
-def recording_points(
-    file: Path, excitation: str | None, pretension_mm: float | None, rig: str | None
-) -> tuple["ResponsePoints", ...]:
+def _recorded_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
     """Return the points of a rig's recording at one pretension, else its smallest, in one group."""
     from sinew.analysis.analysed import recording_rig
     from sinew.analysis.sweep.response import estimate_response
     from sinew.identify.stepped.points import points_of_response
     from sinew.measure.files.netcdf import load_recording
 
-    recording = load_recording(file)
+    recording = load_recording(asked.file)
     if recording.attrs.get("source") == "import":
         raise SpecError(
             "this recording was imported; give a table of its steady states, one row each with frequency_hz, "
             "amplitude, phase_deg and the drive's amplitude"
         )
-    if excitation not in (None, "lever"):
-        raise SpecError(f"--excitation is {excitation}, but a rig is driven by its lever; leave it out")
-    found = points_of_response(estimate_response(recording, recording_rig(recording, rig)))
-    if pretension_mm is None:
+    if asked.excitation not in (None, "lever"):
+        raise SpecError(f"--excitation is {asked.excitation}, but a rig is driven by its lever; leave it out")
+    found = points_of_response(estimate_response(recording, recording_rig(recording, asked.rig)))
+    if asked.pretension is None:
         return found[:1]
-    chosen = [one for one in found if one.group == f"{pretension_mm:g} mm"]
+    chosen = [one for one in found if one.group == f"{asked.pretension:g} mm"]
     if not chosen:
         listed = ", ".join(one.group for one in found)
-        raise SpecError(f"--pretension is {pretension_mm:g} mm, the recording has steady segments at {listed}")
+        raise SpecError(f"--pretension is {asked.pretension:g} mm, the recording has steady segments at {listed}")
     return tuple(chosen)

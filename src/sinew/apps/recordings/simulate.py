@@ -1,12 +1,13 @@
 """`sinew simulate` and `sinew check`: a plan run on the physics twin, and previewed there before it meets a bench."""
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from sinew.apps import console
 from sinew.apps.console import Json, PlanArgument, Rig, Seed, Without, option
-from sinew.measure.estimate import fixed
+from sinew.measure.estimate import fixed, number
 
 if TYPE_CHECKING:
     from sinew.plan.check import Preview
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
+    context: typer.Context,
     plan: PlanArgument,
     out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
     rig: Rig = "paper",
@@ -29,7 +31,7 @@ def simulate(
     from sinew.measure.files.netcdf import save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.preview import preview_plan
+    from sinew.predict.expected_response import preview_plan
     from sinew.solve.programs import use_all_cores
     from sinew.twin.parameters import Effects
     from sinew.twin.simulate import simulate as run
@@ -43,9 +45,7 @@ def simulate(
     console.require_file(out)
     with console.progress_bar("simulate") as progress:
         recording = run(plan_, rig_, seed=seed, effects=effects, progress=progress)
-    command = ["sinew", "simulate", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
-    command += [word for effect in without or () for word in ("--without", effect)]
-    save_recording(recording.assign_attrs(command=shlex.join(command)), out)
+    save_recording(recording.assign_attrs(command=console.command_line(context)), out)
     document: dict[str, Any] = {
         "recording": str(out),
         "plan": plan_.name,
@@ -75,8 +75,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.foreseen import told_preview
-    from sinew.predict.preview import expected_of, preview_plan, sentences_of
+    from sinew.predict.expected_response import expected_of, preview_plan, sentences_of, told_preview
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
@@ -94,16 +93,16 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
 
 
 def _print_wire(plan: "Plan", rig: "RigSpec", wire: dict[str, Any]) -> None:
+    baud = number(1e-6 * rig.wiring.baud, unit="Mbaud")
     print(
-        f"a cycle is on the wire for {wire['plain_ms']:.2f} ms at {rig.wiring.baud:g} baud, with fast reads for "
-        f"{wire['fast_ms']:.2f} ms; {plan.sample_hz:g} Hz allow {wire['limit_ms']:.2f} ms"
+        f"a cycle is on the wire for {wire['cycle_ms']:.2f} ms at {baud}; "
+        f"{plan.sample_hz:g} Hz allow {wire['limit_ms']:.2f} ms"
     )
 
 
 def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> None:
     print(f"plan {plan.name} on rig {told['rig']}: {preview.groups} motions, {preview.samples} samples,", end=" ")
-    longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
-    print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
+    print(f"{_time(preview.duration_s)} of motion and rest,", end=" ")
     print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
     if pose := told.get("pose"):
         print(

@@ -28,7 +28,7 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
     None without a remark where there is no such file.
     """
-    from sinew.measure.files.netcdf import content_hash, load_results
+    from sinew.measure.files.netcdf import load_results
 
     if not path.is_file():
         return None
@@ -37,7 +37,7 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
     except (FileError, SchemaError) as error:
         remark(f"{path.name} cannot be used ({error}); analysed anew")
         return None
-    if results.attrs.get("recording_hash") != (recording.attrs.get("content_hash") or content_hash(recording)):
+    if results.attrs.get("recording_hash") != _hash_of(recording):
         remark(f"{path.name} was made from another recording; analysed anew")
         return None
     if not _is_of_rig(results, rig):
@@ -46,19 +46,35 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
     return results
 
 
+def is_of(path: Path, recording: "xr.Dataset") -> bool:
+    """Return whether a file holds results of a recording."""
+    from sinew.measure.files.netcdf import load_results
+
+    try:
+        return bool(load_results(path).attrs.get("recording_hash") == _hash_of(recording))
+    except (FileError, SchemaError):
+        return False
+
+
+def _hash_of(recording: "xr.Dataset") -> str:
+    from sinew.measure.files.netcdf import content_hash
+
+    return str(recording.attrs.get("content_hash") or content_hash(recording))
+
+
 def analyse_into(folder: Path, recording: "xr.Dataset", rig: "RigSpec | None") -> "xr.Dataset":
     """Return the results of a recording, left in a folder as results.nc and analysis.json where that may be written.
 
     Raises RecordingError where the recording cannot be analysed.
     """
-    from sinew.analysis.analysed import analyse_with, results_document
+    from sinew.analysis.analysed import analyse_with, recording_result
     from sinew.apps.console import write_json
     from sinew.measure.files.netcdf import save_dataset
 
     results = analyse_with(recording, rig)
     with suppress(FileError, OSError):
         save_dataset(results, folder / "results.nc")
-        write_json(results_document(results), folder / "analysis.json")
+        write_json(recording_result(results).to_dict(), folder / "analysis.json")
     return results
 
 
@@ -80,12 +96,10 @@ def stored_answers(path: Path, recording: "xr.Dataset") -> list[dict[str, Any]]:
 
     Empty where there is no such file or it cannot be read, and with a remark where it is another recording's.
     """
-    from sinew.measure.files.netcdf import content_hash
-
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        if document["recording_hash"] != (recording.attrs.get("content_hash") or content_hash(recording)):
-            remark(f"{path.name} belongs to another recording and is left out; sinew answer writes it anew")
+        if document["recording_hash"] != _hash_of(recording):
+            remark(f"{path.name} belongs to another recording and is left out; sinew report --answers writes it anew")
             return []
         return [
             {"question": one["question"], "verdict": one["verdict"], "sentence": one["sentences"][0]}

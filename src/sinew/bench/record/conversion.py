@@ -17,10 +17,9 @@ from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, robust_std
 from sinew.measure.errors import RecordingError
-from sinew.measure.events import Hole
+from sinew.measure.events import Hole, Pretensioned
 from sinew.measure.files.netcdf import provenance, save_recording
-from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
-from sinew.measure.schema import SPATIAL_SEGMENTS
+from sinew.measure.recording import LIMITS_ATTRIBUTE, REGISTERS_ATTRIBUTE, SPATIAL_SEGMENTS, Segment, build_recording
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
@@ -98,8 +97,8 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
     offset, slope = 0.0, 1.0
     for step in range(20):
         mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
-        dx, dy = x - mean_x, y - mean_y
-        slope = float((weight * dx * dy).sum() / max((weight * dx * dx).sum(), 1e-300))
+        dx = x - mean_x
+        slope = float((weight * dx * y).sum() / max((weight * dx * dx).sum(), 1e-300))
         offset = float(mean_y - slope * mean_x)
         off = np.abs(y - offset - slope * x)
         scale = robust_std(off) + 1e-9
@@ -214,7 +213,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
     `left_out_groups` (found to have too many holes), `pauses` (JSON: what was said of each pause of the computer after
     which a run went on by itself; only where there was one), `registers` (see
-    `sinew.measure.recording.read_registers`), and the journal's statistics.
+    `sinew.measure.recording.read_registers`), `tendon_limit_a` (where the motors have one, as they were set last at
+    each pretension), and the journal's statistics.
     Raises FileError where it is no journal, RecordingError where no group is whole.
     """
     with JournalReader(path) as journal:
@@ -228,8 +228,12 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
         asked = plan.groups()  # of a segment a journal keeps what a straight one says; the plan knows pose and drive
         segments = [_in_space(s.asked, asked[index]) for index in whole for s in finished[index]]
         given: dict[str, Any] = {**journal.attrs, **journal.counts()}
-        if holes := [str(event) for _, event in journal.events() if isinstance(event, Hole)]:
+        events = [event for _, event in journal.events()]
+        if holes := [str(event) for event in events if isinstance(event, Hole)]:
             given["pauses"] = json.dumps(holes)
+        reached = [event for event in events if isinstance(event, Pretensioned)]
+        if limits := {f"{one.asked_mm:g}": one.limit_a for one in reached if one.limit_a is not None}:
+            given[LIMITS_ATTRIBUTE] = json.dumps(limits)
         if registers := journal.registers():
             given[REGISTERS_ATTRIBUTE] = json.dumps([{"run": run, **state} for run, state in registers.items()])
         attrs = provenance(
@@ -295,27 +299,18 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
     kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
     if np.isfinite(readings[kept, 6]).all():
         values["tilt_rad"] = readings[:, 6]
-    late = {"drive_goal_rad": rows["drive_goal_rad"]} if "drive_goal_rad" in rows else {}
-    late |= _power_columns(rows, tendons)
-    values |= {name: v for name, v in late.items() if np.isfinite(v[kept]).all()}
+    told = np.flatnonzero(np.isfinite(rows["supply_v"]))
+    # A motor that has not told its voltage yet is no hole: the first cycles get the first one told.
+    supply = rows["supply_v"] if told.size == 0 else np.interp(rows["id"], rows["id"][told], rows["supply_v"][told])
+    pwm = np.stack([rows[f"tendon_{i}_pwm"] for i in tendons], axis=1)
+    more = {"drive_goal_rad": rows["drive_goal_rad"], "tendon_pwm": pwm, "supply_v": supply}
+    values |= {name: v for name, v in more.items() if np.isfinite(v[kept]).all()}
     values |= {sensor.channel: rows[sensor.channel] for sensor in rig.sensors}
     sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same
     whole = min(sizes) > 0 and (tracked or _has_few_holes(time[kept], time, sample_hz, _GRACE))
     single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
     return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
-
-
-def _power_columns(rows: dict[str, Array], tendons: Sequence[int]) -> dict[str, Array]:
-    """Return duty of the tendons and supply voltage, where the journal has them; it may be older than they are.
-
-    A motor that has not told its voltage yet is no hole: the first cycles get the first one told.
-    """
-    if "supply_v" not in rows:
-        return {}
-    told = np.flatnonzero(np.isfinite(rows["supply_v"]))
-    supply = rows["supply_v"] if told.size == 0 else np.interp(rows["id"], rows["id"][told], rows["supply_v"][told])
-    return {"tendon_pwm": np.stack([rows[f"tendon_{i}_pwm"] for i in tendons], axis=1), "supply_v": supply}
 
 
 def _on_one_clock(

@@ -9,15 +9,16 @@ import os
 import sqlite3
 import threading
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic
 from types import TracebackType
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from sinew.bench.record.sample import (
     APPLICATION_ID,
     JOURNAL_VERSION,
     MISSING,
-    READABLE_VERSIONS,
     REGISTERS,
     Sample,
     insert_sample,
@@ -37,7 +37,6 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
 from sinew.measure.events import STATES, Contact, Event, read_event
 from sinew.measure.recording import Segment
-from sinew.measure.schema import SegmentKind
 from sinew.plan.toml import parse_rig
 
 CLOSE_S = 10.0
@@ -85,9 +84,8 @@ class Journal:
         Raises FileError where the file exists, or the folder cannot be written; SpecError where the rig is not valid.
         """
         columns = sample_columns(parse_rig(rig_toml))
-        lock = _lock(path)
         fresh = path.with_name(f".{path.name}.new")
-        try:
+        with _locked(path) as lock:
             if path.exists():
                 raise FileError(f"{path} exists; resume its run, or choose another folder")
             fresh.unlink(missing_ok=True)
@@ -100,12 +98,6 @@ class Journal:
             # Only a whole journal gets the name: whenever the process is killed, there is one or there is none.
             fresh.rename(path)
             return cls._begin(path, lock, columns)
-        except (sqlite3.Error, OSError) as error:
-            os.close(lock)
-            raise cannot_write(path, _reason(error)) from error
-        except FileError:
-            os.close(lock)
-            raise
 
     @classmethod
     def open(cls, path: Path, plan_toml: str, rig_toml: str) -> Self:
@@ -116,17 +108,10 @@ class Journal:
         """
         if not path.is_file():
             raise FileError(f"there is no journal {path} to resume; start the run without resuming")
-        lock = _lock(path)
-        try:
+        with _locked(path) as lock:
             with closing(sqlite3.connect(path)) as connection:
                 _refuse_unfit(connection, path, {"plan": plan_toml, "rig": rig_toml})
             return cls._begin(path, lock, sample_columns(parse_rig(rig_toml)))
-        except sqlite3.DatabaseError as error:
-            os.close(lock)
-            raise _trouble(path, error) from error
-        except FileError:
-            os.close(lock)
-            raise
 
     @classmethod
     def _begin(cls, path: Path, lock: int, columns: tuple[str, ...]) -> Self:
@@ -240,45 +225,55 @@ def _date() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _reason(error: sqlite3.Error | OSError) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
+def _in_words(error: Exception) -> str:
+    said = error.strerror if isinstance(error, OSError) else ""
+    return said or " ".join(str(error).split()) or type(error).__name__
 
 
-def _lock(path: Path) -> int:
-    """Return an open file whose lock keeps every other run away until it is closed, or the process ends."""
+@contextmanager
+def _locked(path: Path) -> Iterator[int]:
+    """Give an open file whose lock keeps every other run away until it is closed, or the process ends; it stays open.
+
+    What goes wrong meanwhile with the journal is raised as FileError, the lock given back.
+    """
     import fcntl  # POSIX alone has it; who only reads a journal needs none
 
+    lock = -1
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError as error:
-        raise cannot_write(path, _reason(error)) from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(lock)
-        raise FileError(
-            f"another run is writing the journal {path}; wait until it has ended, or choose another folder"
-        ) from error
-    except OSError as error:
-        os.close(lock)
-        raise cannot_write(path, _reason(error)) from error
-    return lock
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FileError(
+                f"another run is writing the journal {path}; wait until it has ended, or choose another folder"
+            ) from None
+        yield lock
+    except BaseException as error:
+        if lock >= 0:
+            os.close(lock)
+        if isinstance(error, (OSError, sqlite3.OperationalError)):
+            raise cannot_write(path, _in_words(error)) from error
+        if isinstance(error, sqlite3.Error):
+            raise _no_journal(path, error) from error
+        raise
 
 
-def _trouble(path: Path, error: sqlite3.DatabaseError) -> FileError:
-    if isinstance(error, sqlite3.OperationalError):
-        return cannot_write(path, _reason(error))
-    return FileError(f"{path} is not a journal, or is damaged ({_reason(error)}); start anew in another folder")
+def _no_journal(path: Path, error: Exception) -> FileError:
+    return FileError(f"{path} is not a journal, or is damaged ({_in_words(error)}); start anew in another folder")
+
+
+def _version(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the version of a journal's tables. Raises FileError where it is not one of Sinew."""
+    (kind,) = connection.execute("PRAGMA application_id").fetchone()
+    if kind != APPLICATION_ID:
+        raise FileError(f"{path} is an SQLite file, but no journal of Sinew; choose another folder")
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
 def _refuse_unfit(connection: sqlite3.Connection, path: Path, texts: Mapping[str, str]) -> None:
     """Raise FileError unless this is a sound journal of the same plan and rig."""
-    (kind,) = connection.execute("PRAGMA application_id").fetchone()
-    if kind != APPLICATION_ID:
-        raise FileError(f"{path} is an SQLite file, but no journal of Sinew; choose another folder")
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if version != JOURNAL_VERSION:
+    if (version := _version(connection, path)) != JOURNAL_VERSION:
         raise FileError(
             f"{path} is a journal of version {version}, expected {JOURNAL_VERSION}; go on with the Sinew that began it"
         )
@@ -314,10 +309,6 @@ _PAGES = 32768
 Row = tuple[Any, ...]
 
 
-def _in_words(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def cannot_write(path: Path, error: object) -> FileError:
     """Return what to say of a journal that cannot be written."""
     return FileError(
@@ -326,53 +317,22 @@ def cannot_write(path: Path, error: object) -> FileError:
     )
 
 
-class _Checkpoints:
-    """Makes checkpoints in a thread of its own, as the disk may take seconds to sync and rows must not wait for it.
-
-    One that is asked for while one is made is made after it. failed: told what went wrong, in words.
-    """
-
-    def __init__(self, path: Path, failed: Callable[[str], None]) -> None:
-        self._path, self._failed = path, failed
-        self._asked, self._closing = threading.Event(), False
-        self._thread = threading.Thread(target=self._run, name="journal checkpoints", daemon=True)
-        self._thread.start()
-
-    def ask(self) -> None:
-        """Have one made; returns at once."""
-        self._asked.set()
-
-    def close(self) -> None:
-        """Return when none is made any more, or one takes longer than a journal may to close. May be called again."""
-        self._closing = True
-        self._asked.set()
-        self._thread.join(CLOSE_S)
-
-    def _run(self) -> None:
-        try:
-            with closing(sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)) as connection:
-                while self._asked.wait() and not self._closing:
-                    self._asked.clear()
-                    connection.execute(_CHECKPOINT).fetchall()
-        except Exception as error:  # whatever it is, the control thread must hear of it
-            self._failed(_in_words(error))
-
-
 class BatchWriter:
-    """Commits rows in the background, in the order in which they were put.
+    """Commits rows in the background, in the order in which they were put. path: of a journal in WAL mode.
 
-    path: of a journal in WAL mode. now: a clock that never goes back [s].
-    Committed rows outlive the process at once, and a power cut from the next checkpoint on.
+    Committed rows outlive the process at once, and a power cut from the next checkpoint on. A checkpoint is made in a
+    thread of its own, as the disk may take seconds to sync and rows must not wait for it.
     """
 
-    def __init__(self, path: Path, now: Callable[[], float] = monotonic) -> None:
-        self._path, self._now = path, now
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._rows: SimpleQueue[tuple[str, Row]] = SimpleQueue()
         self._wake, self._ready = threading.Event(), threading.Event()
         self._closing = False
         self._error: str | None = None
         self._told = False
-        self._last_done = now()
+        self._last_done = monotonic()
+        self._syncing: threading.Thread | None = None
         self._put_count = 0
         self._committed = 0
         self._advanced = threading.Condition()
@@ -397,7 +357,7 @@ class BatchWriter:
         if self._error is not None:
             self._told = True
             raise cannot_write(self._path, self._error)
-        if self._put_count > self._committed and (waited := self._now() - self._last_done) > STALL_S:
+        if self._put_count > self._committed and (waited := monotonic() - self._last_done) > STALL_S:
             self._told = True
             raise cannot_write(self._path, f"the disk has taken nothing for {waited:.0f} s")
 
@@ -432,38 +392,46 @@ class BatchWriter:
             raise cannot_write(self._path, self._error)
 
     def _run(self) -> None:
-        connection: sqlite3.Connection | None = None
-        checkpoints: _Checkpoints | None = None
         try:
-            connection = sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = NORMAL")
-            connection.execute(f"PRAGMA wal_autocheckpoint = {_PAGES}")
-            checkpoints = _Checkpoints(self._path, self._fail)
-            self._ready.set()
-            while True:
-                self._wake.wait(BATCH_S)
-                self._wake.clear()
-                last = self._closing
-                if self._commit(connection):
-                    checkpoints.ask()
-                if last:
-                    checkpoints.close()
-                    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-                    return
+            with closing(self._connect()) as connection:
+                connection.execute("PRAGMA journal_mode = WAL")
+                connection.execute("PRAGMA synchronous = NORMAL")
+                connection.execute(f"PRAGMA wal_autocheckpoint = {_PAGES}")
+                self._ready.set()
+                is_last = must_sync = False
+                while not is_last:
+                    self._wake.wait(BATCH_S)
+                    self._wake.clear()
+                    is_last = self._closing
+                    must_sync |= self._commit(connection)
+                    if must_sync and (self._syncing is None or not self._syncing.is_alive()):
+                        self._syncing = threading.Thread(target=self._sync, name="journal checkpoint", daemon=True)
+                        self._syncing.start()
+                        must_sync = False
+                self._await_sync()
+                connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         except Exception as error:  # whatever it is, the control thread must hear of it
-            self._fail(_in_words(error))
+            self._error = _in_words(error)
         finally:
             self._ready.set()
             with self._advanced:
                 self._advanced.notify_all()
-            if checkpoints is not None:
-                checkpoints.close()
-            if connection is not None:
-                connection.close()
+            self._await_sync()
 
-    def _fail(self, why: str) -> None:
-        self._error = why
+    def _connect(self) -> sqlite3.Connection:
+        return sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)
+
+    def _sync(self) -> None:
+        """Make a checkpoint."""
+        try:
+            with closing(self._connect()) as connection:
+                connection.execute(_CHECKPOINT).fetchall()
+        except Exception as error:  # whatever it is, the control thread must hear of it
+            self._error = _in_words(error)
+
+    def _await_sync(self) -> None:
+        if self._syncing is not None:
+            self._syncing.join(CLOSE_S)
 
     def _commit(self, connection: sqlite3.Connection) -> bool:
         """Write all rows that wait, in one transaction, and return whether a checkpoint was asked for; rows of one
@@ -479,7 +447,7 @@ class BatchWriter:
                         connection.executemany(statement, [row for _, row in waiting[start:end]])
                     start = end
             connection.execute("COMMIT")
-        self._last_done = self._now()
+        self._last_done = monotonic()
         with self._advanced:
             self._committed += len(waiting)
             self._advanced.notify_all()
@@ -525,31 +493,23 @@ class JournalReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._connection = connect_to_read(path)
+        self._connection = _connect_to_read(path)
         try:
-            version = self._check()
+            if (version := _version(self._connection, path)) != JOURNAL_VERSION:
+                raise FileError(f"{path} is a journal of version {version}, expected {JOURNAL_VERSION}")
             meta = dict(self._connection.execute("SELECT key, value FROM meta"))
             self.plan_toml, self.rig_toml = str(meta["plan"]), str(meta["rig"])
             self.attrs: Mapping[str, str | int | float] = json.loads(meta["attrs"])
             self.dates = tuple(date for (date,) in self._connection.execute("SELECT date FROM sessions ORDER BY id"))
-            self._columns = sample_columns(parse_rig(self.rig_toml), READABLE_VERSIONS[version])
-        except (sqlite3.DatabaseError, KeyError) as error:
+        except BaseException as error:
             self._connection.close()
-            raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
-        except FileError:
-            self._connection.close()
+            if isinstance(error, (sqlite3.DatabaseError, KeyError)):
+                raise _no_journal(path, error) from error
             raise
 
-    def _check(self) -> int:
-        """Return the version of the journal's tables."""
-        (kind,) = self._connection.execute("PRAGMA application_id").fetchone()
-        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-        if kind != APPLICATION_ID:
-            raise FileError(f"{self._path} is an SQLite file, but no journal of Sinew")
-        if version not in READABLE_VERSIONS:
-            raise FileError(f"{self._path} is a journal of version {version}, expected at most {JOURNAL_VERSION}")
-        return int(version)
+    @cached_property
+    def _columns(self) -> tuple[str, ...]:
+        return sample_columns(parse_rig(self.rig_toml))
 
     def finished(self) -> dict[int, list[Stretch]]:
         """Return the segments of every recorded group, by its index in the plan: settle and record, in order."""
@@ -663,6 +623,15 @@ class JournalReader:
         """Return how many groups of the plan are recorded."""
         return int(self._connection.execute("SELECT count(*) FROM finished").fetchone()[0])
 
+    def duration_s(self) -> float:
+        """Return how long all runs took together, from first to last segment [s]."""
+        return float(self._connection.execute(_DURATION).fetchone()[0])
+
+    def newest_event(self) -> Event | None:
+        """Return the newest event that is no mere state; None where there is none."""
+        found = self._connection.execute(_LAST).fetchone()
+        return None if found is None else read_event(*found)
+
     def counts(self) -> dict[str, float]:
         """Return the statistics of all runs, summed."""
         return dict(self._connection.execute("SELECT name, sum(number) FROM counts GROUP BY name ORDER BY name"))
@@ -678,7 +647,7 @@ class JournalReader:
         self.close()
 
 
-def connect_to_read(path: Path) -> sqlite3.Connection:
+def _connect_to_read(path: Path) -> sqlite3.Connection:
     """Return a connection to a journal that changes nothing. Raises FileError."""
     if not path.is_file():
         raise FileError(f"there is no journal {path}")
@@ -693,30 +662,15 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
         except sqlite3.DatabaseError as trouble:
             connection.close()
             error = trouble
-    raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
+    assert error is not None, "one way of reading is tried at least"
+    raise _no_journal(path, error) from error
 
 
-def _stretch(row: Sequence[object]) -> Stretch:
+def _stretch(row: Sequence[Any]) -> Stretch:
     session, group, attempt, kind, *asked, state, first, end, note = row
-    pretension, frequency, amplitude, repeat = (float("nan") if x is None else x for x in asked)
-    segment = Segment(
-        cast(SegmentKind, kind),
-        cast(float, pretension),
-        cast(float, frequency),
-        cast(float, amplitude),
-        int(cast(int, repeat)),
-    )
-    return Stretch(
-        cast(int, session),
-        cast(int | None, group),
-        cast(int, attempt),
-        str(kind),
-        segment,
-        str(state),
-        cast(int, first),
-        cast(int | None, end),
-        str(note),
-    )
+    pretension, frequency, amplitude, repeat = (MISSING if x is None else x for x in asked)
+    segment = Segment(kind, pretension, frequency, amplitude, int(repeat))
+    return Stretch(session, group, attempt, kind, segment, state, first, end, note)
 
 
 # A journal is summed up without its samples: what was run, how far it came, whether it still goes on.
@@ -745,23 +699,13 @@ class JournalSummary:
 
 def summarise_journal(path: Path) -> JournalSummary:
     """Return what a journal says of its run, in a millisecond. Raises FileError where it is none, or is damaged."""
-    with closing(connect_to_read(path)) as journal:
+    with JournalReader(path) as journal:
         try:
-            (kind,) = journal.execute("PRAGMA application_id").fetchone()
-            if kind != APPLICATION_ID:
-                raise FileError(f"{path} is an SQLite file, but no journal of Sinew")
-            meta = dict(journal.execute("SELECT key, value FROM meta"))
-            last = journal.execute(_LAST).fetchone()
-            return JournalSummary(
-                str(meta["plan"]),
-                str(meta["rig"]),
-                tuple(date for (date,) in journal.execute("SELECT date FROM sessions ORDER BY id")),
-                int(journal.execute("SELECT count(*) FROM finished").fetchone()[0]),
-                float(journal.execute(_DURATION).fetchone()[0]),
-                None if last is None else read_event(*last),
-            )
-        except (sqlite3.DatabaseError, KeyError) as error:
-            raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
+            last, duration = journal.newest_event(), journal.duration_s()
+            finished = journal.count_finished()
+        except sqlite3.DatabaseError as error:
+            raise _no_journal(path, error) from error
+        return JournalSummary(journal.plan_toml, journal.rig_toml, journal.dates, finished, duration, last)
 
 
 def is_being_written(path: Path) -> bool:

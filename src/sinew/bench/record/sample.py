@@ -1,12 +1,8 @@
-"""One cycle of the bench as a row: what was asked, what every device answered, and when; and who listens to it."""
+"""One cycle of the bench as a row: what was asked, what every device answered, and when."""
 
-import threading
-from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields
-from typing import Protocol
 
-from sinew.measure.events import Event
 from sinew.plan.rig import RigSpec
 
 MISSING = float("nan")
@@ -61,13 +57,6 @@ APPLICATION_ID = 0x53694E77
 JOURNAL_VERSION = 3
 """Changes whenever a table does."""
 
-READABLE_VERSIONS = {
-    1: ("tendon_pwm", "supply_v", "drive_goal_rad"),
-    2: ("drive_goal_rad",),
-    JOURNAL_VERSION: (),
-}
-"""Versions that can be read, and the fields of a sample that each had not yet."""
-
 REGISTERS = "registers of run "
 """Key in the table `meta`, with the run's number behind it, of the motors' registers as JSON."""
 
@@ -91,14 +80,11 @@ _TABLES = (
 )
 
 
-def sample_columns(rig: RigSpec, without: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the columns of a sample of a rig, in the order of `sample_row`.
-
-    without: fields of a sample to leave out, see `READABLE_VERSIONS`.
-    """
+def sample_columns(rig: RigSpec) -> tuple[str, ...]:
+    """Return the columns of a sample of a rig, in the order of `sample_row`."""
     tendons = rig.tendons.count
     names: list[str] = []
-    for name in (field.name for field in fields(Sample) if field.name not in without):
+    for name in (field.name for field in fields(Sample)):
         if name in _TENDON:
             names += [f"tendon_{i + 1}_{_TENDON[name]}" for i in range(tendons)]
         elif name in _AXES:
@@ -151,113 +137,3 @@ def statements(sample: Collection[str]) -> Iterator[str]:
     yield from _TABLES
     columns = ", ".join(f"{name} REAL" for name in sample)
     yield f"CREATE TABLE samples (id INTEGER PRIMARY KEY, session INTEGER NOT NULL, segment INTEGER, {columns})"
-
-
-# ---- listeners to live samples, whoever wants to see them, without ever holding up the bench
-
-
-_CLOSE_S = 2.0
-
-Item = Sample | Event
-
-
-class Listener(Protocol):
-    """Sees what happens on a bench: a dashboard, a progress line."""
-
-    def on_sample(self, sample: Sample) -> None:
-        """Take the sample of one cycle."""
-        ...
-
-    def on_event(self, event: Event) -> None:
-        """Take what happened besides."""
-        ...
-
-
-class Stream:
-    """Passes samples and events on to listeners, each in a thread of its own, and returns at once; itself a listener.
-
-    listeners: who gets them. capacity: how many items may wait for a slow one; then the oldest is dropped.
-    takes_samples: whether samples are passed on, too.
-    Not for what must not be lost: that goes to the journal. A listener's Python code still takes its turns at the
-    interpreter (a few milliseconds at most each); heavy work belongs into another process.
-    """
-
-    def __init__(self, listeners: Sequence[Listener], capacity: int = 400, *, takes_samples: bool = True) -> None:
-        if capacity < 1:
-            raise ValueError(f"found capacity {capacity}, expected 1 or more")
-        self._channels = [_Channel(listener, capacity) for listener in listeners]
-        self._sampled = self._channels if takes_samples else []
-
-    @property
-    def dropped(self) -> tuple[int, ...]:
-        """How many items each listener has missed because it was too slow."""
-        return tuple(channel.dropped for channel in self._channels)
-
-    @property
-    def failures(self) -> tuple[str | None, ...]:
-        """Why each listener gets nothing any more; None while it works."""
-        return tuple(channel.failure for channel in self._channels)
-
-    def on_sample(self, sample: Sample) -> None:
-        for channel in self._sampled:
-            channel.put(sample)
-
-    def on_event(self, event: Event) -> None:
-        for channel in self._channels:
-            channel.put(event)
-
-    def close(self) -> None:
-        """Let the listeners have what waits and end their threads; those that take longer than 2 s are left behind."""
-        for channel in self._channels:
-            channel.end()
-        for channel in self._channels:
-            channel.join()
-
-
-class _Channel:
-    """The queue and the thread of one listener."""
-
-    def __init__(self, listener: Listener, capacity: int) -> None:
-        self._listener, self._capacity = listener, capacity
-        self._items: deque[Item] = deque()
-        self._arrived = threading.Condition()
-        self._ended = False
-        self.dropped = 0
-        self.failure: str | None = None
-        self._thread = threading.Thread(target=self._run, name="listener", daemon=True)
-        self._thread.start()
-
-    def put(self, item: Item) -> None:
-        with self._arrived:
-            if self._ended or self.failure is not None:
-                return
-            if len(self._items) == self._capacity:
-                self._items.popleft()
-                self.dropped += 1
-            self._items.append(item)
-            self._arrived.notify()
-
-    def end(self) -> None:
-        with self._arrived:
-            self._ended = True
-            self._arrived.notify()
-
-    def join(self) -> None:
-        self._thread.join(_CLOSE_S)
-
-    def _run(self) -> None:
-        while (item := self._next()) is not None:
-            try:
-                if isinstance(item, Sample):
-                    self._listener.on_sample(item)
-                else:
-                    self._listener.on_event(item)
-            except Exception as error:  # a listener's fault is its own: the run goes on without it
-                self.failure = f"{type(error).__name__}: {error}"
-                return
-
-    def _next(self) -> Item | None:
-        with self._arrived:
-            while not self._items and not self._ended:
-                self._arrived.wait()
-            return self._items.popleft() if self._items else None

@@ -4,20 +4,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import xarray as xr
 
-from sinew.identify.joint.coordinates import make_coordinates, replaced
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
-from sinew.identify.joint.motion import stated_repeatability
+from sinew.identify.joint.motion import make_coordinates, replaced, stated_repeatability
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import NORMAL_90, NORMAL_95, UNKNOWN, Estimate, interval, number
+from sinew.measure.estimate import NORMAL_90, NORMAL_95, Estimate
 from sinew.measure.files.netcdf import content_hash, load_recording
+from sinew.measure.result import Field, Result, Rows
 from sinew.measure.tasks import HERE, Spread, run_tasks
-from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import load_rig, parse_rig
@@ -83,11 +82,6 @@ def _values(rig: RigSpec, names: Sequence[str]) -> Array:
 # A rig gets calibrated parameters: value, origin, interval and a note on where they are from.
 
 _NAMED_SOURCES = 3
-
-
-def source_of(file: str, recording: xr.Dataset) -> Source:
-    """Return what a parameter's note says of the recording in a file."""
-    return Source(file, str(recording.attrs.get("content_hash") or content_hash(recording)))
 
 
 def parameter_of(rig: RigSpec, dotted: str) -> Parameter:
@@ -179,53 +173,71 @@ _PRIOR90_SHARE = NORMAL_90 / NORMAL_95
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(Told):
+class CalibratedParameter(Result):
+    """A parameter of the rig before and after, in its unit (SI); what followed another has no standard deviation."""
+
+    unit: Annotated[str, Field("unit")]
+    before: Annotated[float, Field("before")]
+    after: Annotated[Estimate, Field("after (90 %)", "interval")]
+
+
+@dataclass(frozen=True, repr=False)
+class CalibratedNumber(Result):
+    """A number of the paper, and the twin's with the calibrated rig."""
+
+    quantity: Annotated[str, Field("number of the paper")]
+    paper: Annotated[float, Field("paper")]
+    twin: Annotated[float, Field("twin")]
+    tolerance: Annotated[float, Field("tolerance")]
+
+
+@dataclass(frozen=True, repr=False)
+class CalibrationResult(Result):
+    """A rig with new parameters. name, before: of the rig that comes out, and of the one it was made from."""
+
+    name: Annotated[str, Field("", "detail")]
+    before: Annotated[str, Field("", "detail")]
+    parameters: Annotated[Mapping[str, CalibratedParameter], Field("parameter")]
+    remarks: Annotated[tuple[str, ...], Field("", "detail")]
+
+    def closing(self) -> list[str]:
+        """Return what to know of the parameters."""
+        return [f"- {sentence}" for sentence in self.remarks]
+
+
+def calibrated_parameter(before: RigSpec, after: RigSpec, name: str, std: float = math.nan) -> CalibratedParameter:
+    """Return a parameter in two rigs, by dotted name."""
+    old, new = dict(before.parameters())[name], dict(after.parameters())[name]
+    low, high = new.interval90 or (math.nan, math.nan)
+    return CalibratedParameter(new.unit, old.value, Estimate(new.value, std, low, high))
+
+
+@dataclass(frozen=True, repr=False)
+class PaperCalibration(CalibrationResult):
+    """A rig fitted to the paper's numbers. posterior: the file that was written, or None."""
+
+    numbers: Annotated[Rows[CalibratedNumber], Field("")]
+    posterior: Annotated[str | None, Field("", "detail")]
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(CalibrationResult):
     """A rig with parameters from recordings.
 
-    before, rig: as it was given, and with the new values. found: estimates of what the recordings determined, by
-    dotted name, in the unit of the parameter (SI). followed: names that moved because they are tied to those.
-    kept: names that were free and that the recordings do not determine; they have their old value and origin.
-    fit: the last joint fit, with those held. sources: of the recordings. remarks: sentences on what to know of it.
+    recordings: file and content hash of each. kept: names that were free and that the recordings do not determine; they
+    have their old value and origin. rmse: residual of the fit, by channel.
+    rig: with the new values. found: estimates of what the recordings determined, by dotted name, in the unit of the
+    parameter (SI). fit: the last joint fit, with the others held. sources: of the recordings.
     """
 
-    before: RigSpec
+    recordings: Annotated[tuple[Mapping[str, str], ...], Field("", "detail")]
+    kept: Annotated[tuple[str, ...], Field("", "detail")]
+    rmse: Annotated[Mapping[str, float], Field("", "detail")]
+    converged: Annotated[bool, Field("", "detail")]
     rig: RigSpec
     found: dict[str, Estimate]
-    followed: tuple[str, ...]
-    kept: tuple[str, ...]
     fit: JointFit
     sources: tuple[Source, ...]
-    remarks: tuple[str, ...]
-
-    def document(self) -> dict[str, Any]:
-        """Return it as `sinew calibrate --json` prints it, without the path of the rig that was written."""
-        before, after = dict(self.before.parameters()), dict(self.rig.parameters())
-        rows: dict[str, Any] = {}
-        for name in (*self.found, *self.followed):
-            one = self.found.get(name)
-            rows[name] = {
-                "unit": after[name].unit,
-                "before": before[name].value,
-                "after": {
-                    "value": after[name].value,
-                    "std": None if one is None else one.to_json()["std"],
-                    "interval90": list(after[name].interval90 or (None, None)),
-                },
-            }
-        return {
-            "name": self.rig.name,
-            "before": self.before.name,
-            "recordings": [{"file": source.file, "content_hash": source.content_hash} for source in self.sources],
-            "parameters": rows,
-            "kept": list(self.kept),
-            "rmse": self.fit.rmse,
-            "converged": self.fit.converged,
-            "remarks": list(self.remarks),
-        }
-
-    def told(self) -> list[Table | str]:
-        """Return the parameters before and after, and what to know of them."""
-        return calibration_told(self.document())
 
 
 def calibrate(
@@ -240,10 +252,12 @@ def calibrate(
     """Return a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
 
     rig: that was recorded, as such, its file or its name. recordings: of it, as such or as NetCDF files; one or more.
-    name: of the rig that comes out. free: dotted names of the parameters to find; what the recordings do not determine
-    keeps its value and origin. spread: a cluster that fits instead of this process, and where the fit is kept.
-    progress: called with (done, total). It takes about half a minute.
-    Raises SpecError for a parameter that cannot be free, RecordingError where nothing is determined.
+    name: of the rig that comes out. free: dotted names of the parameters to find; what the recordings do not determine,
+    because its interval is unknown or more than half as wide as the bounds alone leave it, is held at its old value and
+    origin, and the rest is fitted again beside it. spread: a cluster that fits instead of this process, and where the
+    fit is kept. progress: called with (done, total). It takes about half a minute.
+    Raises SpecError for a parameter that cannot be free and for a recording of a joint with another number of tendons,
+    RecordingError where there is nothing to fit or nothing is determined.
 
     >>> import sinew as sn
     >>> mine = sn.calibrate("paper", sn.simulate("short", "paper"), name="mine")
@@ -252,48 +266,27 @@ def calibrate(
     True
     """
     given = [recordings] if isinstance(recordings, (xr.Dataset, str, Path)) else list(recordings)
-    before = rig if isinstance(rig, RigSpec) else load_rig(rig)
+    rig = rig if isinstance(rig, RigSpec) else load_rig(rig)
     loaded = [one if isinstance(one, xr.Dataset) else load_recording(one) for one in given]
     files = [f"recording {i}" if isinstance(one, xr.Dataset) else Path(one).name for i, one in enumerate(given, 1)]
-    sources = [source_of(file, recording) for file, recording in zip(files, loaded, strict=True)]
+    sources = [
+        Source(file, str(recording.attrs.get("content_hash") or content_hash(recording)))
+        for file, recording in zip(files, loaded, strict=True)
+    ]
     configure()
-    return calibrate_rig(
-        loaded, sources, before, name=name or f"{before.name}-calibrated", free=free, spread=spread, progress=progress
-    )
-
-
-def calibrate_rig(
-    recordings: Sequence[xr.Dataset],
-    sources: Sequence[Source],
-    rig: RigSpec,
-    *,
-    name: str,
-    free: Sequence[str] = FREE,
-    spread: Spread = HERE,
-    progress: Callable[[float, float], None] | None = None,
-) -> Calibration:
-    """Return the rig with its free parameters as the recordings have them.
-
-    sources: of the recordings, in their order. name: of the rig that comes out. free: dotted names of parameters.
-    spread, progress: see `calibrate`.
-    What the recordings do not determine, because its interval is unknown or more than half as wide as the bounds alone
-    leave it, is held at its old value, and the rest is fitted again beside it.
-    Raises SpecError for a name that cannot be free and for a recording of a joint with another number of tendons,
-    RecordingError where there is nothing to fit or nothing is determined.
-    """
     for dotted in free:
         parameter_of(rig, dotted)
     remarks = [
         sentence
-        for source, recording in zip(sources, recordings, strict=True)
+        for source, recording in zip(sources, loaded, strict=True)
         for sentence in other_geometry(rig, recording, source.file)
     ]
     sought, kept = list(free), list[str]()
     while True:
         if spread.scheduler is None and spread.keep is None:
-            fit = fit_joint(recordings, rig, free=sought, progress=progress)
+            fit = fit_joint(loaded, rig, free=sought, progress=progress)
         else:  # each step of a search begins where the last ended: all of it is one task
-            (fit,) = run_tasks(_fitted, [(tuple(recordings), rig, tuple(sought))], spread)
+            (fit,) = run_tasks(_fitted, [(tuple(loaded), rig, tuple(sought))], spread)
         vague = [one for one in sought if not _is_determined(fit.parameters[one], parameter_of(rig, one))]
         kept += vague
         if not vague:
@@ -305,36 +298,49 @@ def calibrate_rig(
                 "record more pretensions and frequencies, or free fewer parameters"
             )
     found = {one: fit.parameters[one] for one in sought}
-    calibrated, followed = calibrated_rig(rig, fit.fitted_rig, found, sources, name)
+    calibrated, followed = calibrated_rig(rig, fit.fitted_rig, found, sources, name or f"{rig.name}-calibrated")
     own = fit.covariance.matrix[: len(sought), : len(sought)]
     together = with_ties(calibrated, sought, followed, own)
     record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
     calibrated = calibrated.model_copy(update={"calibration": record})
-    remarks.append(scatter_between_repeats(fit, rig))
+    told, settings = (
+        f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %"
+        for a, b in (fit.repeatability, stated_repeatability(rig))
+    )
+    remarks.append(
+        "every pretension was set once, so how far settings scatter is not in the recordings; the intervals take the "
+        f"rig's repeatability ({settings}); record repeats to have it estimated"
+        if fit.repeats < 2
+        else f"the intervals hold the scatter over {fit.repeats} repeats: {told} (the rig says {settings})"
+    )
     if kept:
         remarks.append(
             f"not determined by these recordings, so with old value and origin: {', '.join(kept)}; "
             "the others were fitted beside them"
         )
     remarks += [sentence for sentence in (fit.message, *fit.unidentifiable) if sentence]
-    return Calibration(rig, calibrated, found, followed, tuple(kept), fit, tuple(sources), tuple(remarks))
+    return Calibration(
+        name=calibrated.name,
+        before=rig.name,
+        parameters={
+            one: calibrated_parameter(rig, calibrated, one, found[one].std if one in found else math.nan)
+            for one in (*found, *followed)
+        },
+        remarks=tuple(remarks),
+        recordings=tuple({"file": source.file, "content_hash": source.content_hash} for source in sources),
+        kept=tuple(kept),
+        rmse=fit.rmse,
+        converged=fit.converged,
+        rig=calibrated,
+        found=found,
+        fit=fit,
+        sources=tuple(sources),
+    )
 
 
 def _fitted(task: tuple[Sequence[xr.Dataset], RigSpec, Sequence[str]]) -> JointFit:
     recordings, rig, sought = task
     return fit_joint(recordings, rig, free=sought)
-
-
-def scatter_between_repeats(fit: JointFit, rig: RigSpec) -> str:
-    """Return a sentence on what the intervals take the tendons' settings to scatter by, and where that is from."""
-    both = (fit.repeatability, stated_repeatability(rig))
-    found, told = (f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %" for a, b in both)
-    if fit.repeats < 2:
-        return (
-            f"every pretension was set once, so how far settings scatter is not in the recordings; the intervals take "
-            f"the rig's repeatability ({told}); record repeats to have it estimated"
-        )
-    return f"the intervals hold the scatter over {fit.repeats} repeats: {found} (the rig says {told})"
 
 
 def other_geometry(rig: RigSpec, recording: xr.Dataset, file: str) -> list[str]:
@@ -377,26 +383,3 @@ def _is_determined(estimate: Estimate, parameter: Parameter) -> bool:
     if not all(map(math.isfinite, (estimate.value, estimate.std, estimate.low, estimate.high))):
         return False
     return estimate.high - estimate.low < _WIDEST_SHARE * _PRIOR90_SHARE * (high - low)
-
-
-def calibration_told(document: Mapping[str, Any]) -> list[Table | str]:
-    """Return the parameters before and after, what else was fitted, and what to know of them."""
-    rows = [
-        (name, row["unit"], number(row["before"]), *_after(row["after"]))
-        for name, row in document["parameters"].items()
-    ]
-    told: list[Table | str] = [Table(("parameter", "unit", "before", "after", "90 % interval"), rows)]
-    if "numbers" in document:
-        cells = [
-            (one["quantity"], *(number(one[key]) for key in ("paper", "twin", "tolerance")))
-            for one in document["numbers"]
-        ]
-        told.append(Table(("number of the paper", "paper", "twin", "tolerance"), cells))
-    return [*told, *(f"- {sentence}" for sentence in document["remarks"])]
-
-
-def _after(found: dict[str, Any]) -> tuple[str, str]:
-    """Return the value after a calibration and its interval, in step."""
-    low, high = found["interval90"]
-    value, _, ends = interval(found["value"], low, high).partition(" (")
-    return value, ends.rstrip(")") or UNKNOWN

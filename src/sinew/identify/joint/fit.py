@@ -13,16 +13,23 @@ import numpy as np
 import xarray as xr
 from scipy import special
 
-from sinew.identify.joint.coordinates import Coordinates, make_coordinates
-from sinew.identify.joint.motion import JointProblem, make_problem, stated_repeatability, steps_per_sample, whitening_of
+from sinew.identify.joint.motion import (
+    Coordinates,
+    JointProblem,
+    make_coordinates,
+    make_problem,
+    stated_repeatability,
+    steps_per_sample,
+    whitening_of,
+)
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
-from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
+from sinew.identify.oscillator.least_squares import Covariance, Solution, find_unidentifiable, solve
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.rig import RigSpec
-from sinew.solve.first import FreeSwing, free_swing
 from sinew.solve.programs import configure
+from sinew.solve.rest import FreeSwing, free_swing
 
 # The physical combinations of a joint fit get their values and intervals.
 
@@ -151,20 +158,6 @@ def _power(symmetric: Array, exponent: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Deviation:
-    """How far one repetition at one pretension was from the shared parameters.
-
-    recording: index of the recording. pretension: of the set pretension [m]; guide_friction: relative [1].
-    """
-
-    recording: int
-    pretension_mm: float
-    repeat: int
-    pretension: Estimate
-    guide_friction: Estimate
-
-
-@dataclass(frozen=True)
 class JointSegment:
     """One fitted segment: the gyroscope's rate about the joint's axis, as it was and as the fit has it.
 
@@ -201,9 +194,7 @@ class JointFit:
     pretension_mm: that were fitted, increasing. repeats: repetitions at each, over all recordings.
     repeatability: standard deviations between repetitions of pretension [m] and guide friction [1], estimated where
         there are repeats, else the rig's.
-    deviations: of each repetition, the random effects.
-    names, covariance: first those of `parameters` in their units, then the deviations (of pretension [m] and of guide
-        friction [1], in the order of `deviations`).
+    covariance: of `parameters`, in their units.
     segments: measured and predicted. rmse: by channel with unit: `gyro_rad_s`, `tendon_current_a`.
     converged, message: how the search ended. unidentifiable: sentences.
     """
@@ -215,19 +206,12 @@ class JointFit:
     pretension_mm: tuple[float, ...]
     repeats: int
     repeatability: tuple[float, float]
-    deviations: tuple[Deviation, ...]
-    names: tuple[str, ...]
     covariance: Covariance
     segments: tuple[JointSegment, ...]
     rmse: dict[str, float]
     converged: bool
     message: str
     unidentifiable: tuple[str, ...]
-
-    @property
-    def correlation(self) -> Array:
-        """Return the correlation matrix of the numbers in `names`, shape (m, m)."""
-        return correlation(self.covariance.matrix)
 
     def at_pretension(self, name: str, pretension_mm: float) -> Estimate:
         """Return one derived quantity at a pretension that was fitted; KeyError where there is none."""
@@ -287,18 +271,19 @@ def _search(
     steps = steps_per_sample(coordinates.numbers(np.zeros(len(coordinates.names))), max(s.sample_s for s in swings))
     first = make_problem(_easy(swings), coordinates, steps)
     x = _solved(first, np.zeros(first.size), _ROUGH).values
-    _report(progress, 1)
+    told = progress or (lambda done, total: None)
+    told(1, 4)
     problem = make_problem(swings, coordinates, steps)
     x = np.concatenate([x[: first.shared], np.zeros(problem.size - problem.shared)])
     solution = _solved(problem, x, _ROUGH)
-    _report(progress, 2)
+    told(2, 4)
     for leg, tolerance in enumerate((_ROUGH, _FINE), start=3):
         x, scatter = solution.values.copy(), _scatter(problem, solution)
         whitenings = whitening_of(problem.residuals(x), _QUIET)
         x[problem.of_settings] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
         problem = replace(problem, whitenings=whitenings, repeatability=scatter)
         solution = _solved(problem, x, tolerance)
-        _report(progress, leg)
+        told(leg, 4)
     return problem, solution
 
 
@@ -313,7 +298,7 @@ def _scatter(problem: JointProblem, solution: Solution) -> tuple[float, float]:
     of a deviation and its own uncertainty, the rig's counting as much as `_STATED` settings.
     """
     known = stated_repeatability(problem.coordinates.rig)
-    if _repeats(problem) < 2:
+    if problem.repeats < 2:
         return known
     gram = solution.jacobian.T @ solution.jacobian
     own = solution.values**2 + np.diag(np.linalg.pinv(gram, hermitian=True))
@@ -339,62 +324,25 @@ def _solved(problem: JointProblem, start: Array, tolerance: float) -> Solution:
     return solve(problem.problem(), inside, bounds=(low, high), tolerance=tolerance, max_evaluations=_EVALUATIONS)
 
 
-def _report(progress: Progress | None, leg: int) -> None:
-    if progress is not None:
-        progress(leg, 4)
-
-
 def _tell(problem: JointProblem, solution: Solution) -> JointFit:
     x, coordinates, shared = solution.values, problem.coordinates, problem.shared
-    covariance = whole_covariance(problem, solution)
-    own, told = covariance[:shared, :shared], problem.of_settings.stop
-    segments = _segments(problem, x)
-    scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])
-    deviations = _deviations(problem, x, covariance)
-    labels = [f"{d.pretension_mm:g} mm, repeat {d.repeat}, recording {d.recording}" for d in deviations]
-    names = [f"{name}[{label}]" for label in labels for name in ("pretension", "guide_friction")]
-    freedom = float(max(solution.degrees_of_freedom, 1))
+    own = whole_covariance(problem, solution)[:shared, :shared]
+    segments, slopes = _segments(problem, x), coordinates.slopes(x[:shared])
     return JointFit(
-        coordinates.rig,
-        coordinates.fitted_rig(x[:shared]),
-        _parameters(coordinates, x[:shared], own),
-        derive(problem.swings, coordinates, x[:shared], own),
-        tuple(sorted({swing.pretension_mm for swing in problem.swings})),
-        _repeats(problem),
-        problem.repeatability,
-        deviations,
-        (*coordinates.names, *names),
-        Covariance(covariance[:told, :told] * np.outer(scales, scales), freedom),
-        segments,
-        _rmse(segments),
-        solution.converged,
-        _message(problem, solution),
-        _unidentifiable(problem, solution),
+        rig=coordinates.rig,
+        fitted_rig=coordinates.fitted_rig(x[:shared]),
+        parameters=coordinates.estimates(x[:shared], np.sqrt(np.diag(own))),
+        derived=derive(problem.swings, coordinates, x[:shared], own),
+        pretension_mm=tuple(sorted({swing.pretension_mm for swing in problem.swings})),
+        repeats=problem.repeats,
+        repeatability=problem.repeatability,
+        covariance=Covariance(own * np.outer(slopes, slopes), float(max(solution.degrees_of_freedom, 1))),
+        segments=segments,
+        rmse=_rmse(segments),
+        converged=solution.converged,
+        message=_message(problem, solution),
+        unidentifiable=_unidentifiable(problem, solution),
     )
-
-
-def _parameters(coordinates: Coordinates, x: Array, covariance: Array) -> dict[str, Estimate]:
-    found = {}
-    for k, (name, value) in enumerate(zip(coordinates.names, coordinates.values(x), strict=True)):
-        half = np.zeros(x.size)
-        half[k] = NORMAL_90 * float(np.sqrt(covariance[k, k]))
-        ends = [float(coordinates.values(x + side * half)[k]) for side in (-1, 1)]
-        std = float(coordinates.slopes(x)[k] * np.sqrt(covariance[k, k]))
-        found[name] = Estimate(float(value), std, *ends)
-    return found
-
-
-def _deviations(problem: JointProblem, x: Array, covariance: Array) -> tuple[Deviation, ...]:
-    found = []
-    std = np.sqrt(np.diag(covariance))
-    for k, (recording, pretension, repeat) in enumerate(problem.pairs):
-        column = problem.shared + 2 * k
-        own = [
-            Estimate.normal(float(x[column + j] * size), float(std[column + j] * size))
-            for j, size in enumerate(problem.repeatability)
-        ]
-        found.append(Deviation(recording, pretension, repeat, own[0], own[1]))
-    return tuple(found)
 
 
 def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
@@ -408,11 +356,6 @@ def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
         there = (kept & swing.present)[begin:]
         found.append(JointSegment(swing, time_s, swing.gyro[begin:], rate[begin:] + bias, there, current))
     return tuple(found)
-
-
-def _repeats(problem: JointProblem) -> int:
-    counts = [sum(pair[1] == pretension for pair in problem.pairs) for pretension in {p[1] for p in problem.pairs}]
-    return max(counts)
 
 
 def _rmse(segments: Sequence[JointSegment]) -> dict[str, float]:

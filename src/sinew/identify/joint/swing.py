@@ -1,5 +1,6 @@
 """Swings in a rig's recordings: how the lever moved and what the sensors said."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
-from sinew.measure.recording import Segment, iterate_segments
-from sinew.measure.schema import SegmentKind
+from sinew.measure.recording import LIMITS_ATTRIBUTE, Segment, SegmentKind, iterate_segments
 from sinew.mechanics.parameters import POSITION, TENDON_MODES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
@@ -34,6 +34,8 @@ class Swing:
     recorded: number of samples before the segment. rests: whether it is known to begin at rest.
     current_a: mean current of the tendon motors over the segment [A],
         NaN where it was not recorded; current_swing_a: half of its range [A].
+    limit_a: mean current at which the tendon motors yield, as a bench told them; NaN where their mode has no limit, and
+        of the twin, whose motors yield `LIMIT_RESERVE_N` above what they hold at rest.
     """
 
     recording: int
@@ -51,6 +53,7 @@ class Swing:
     rests: bool
     current_a: float
     current_swing_a: float
+    limit_a: float = np.nan
 
     @property
     def size(self) -> int:
@@ -189,11 +192,12 @@ def _swing(
         whole = np.asarray(recording["tendon_current_a"].values[begin : where.stop], dtype=float).mean(axis=1)
         current, swing = float(whole.mean()), 0.5 * float(np.ptp(whole))
     recorded = int(np.ceil(place[begin - where.start]))
+    limit = json.loads(recording.attrs.get(LIMITS_ATTRIBUTE, "{}")).get(f"{segment.pretension_mm:g}", np.nan)
     # The twin begins every group at rest. On a bench one goes over into the next, or begins after a wait that ends.
     rests = recording.attrs.get("source") == "twin"
     return Swing(
         index, number, segment.kind, segment.pretension_mm, segment.frequency_hz, segment.repeat, mode, sample_s,
-        lever, gyro, present, recorded, rests, current, swing,
+        lever, gyro, present, recorded, rests, current, swing, limit,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ is made small: no derivative of measured data is taken, and noise of the output 
 it is assumed small.
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,26 +14,37 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import fftconvolve
 
-from sinew.identify.oscillator.fitted import (
+from sinew.analysis.decay.modes import split_poles
+from sinew.identify.oscillator.least_squares import Covariance, Problem, Solution, covariance, solve
+from sinew.identify.oscillator.model import (
+    VISCOUS,
+    Entry,
     Fit,
+    Layout,
+    Model,
+    Part,
+    get_model,
+    make_layout,
+    make_part,
     mechanical_parameters,
     nuisance_parameters,
     oscillation,
     unidentifiable_directions,
 )
-from sinew.identify.oscillator.least_squares import Covariance, Problem, Solution, covariance, solve
-from sinew.identify.oscillator.model import VISCOUS, Entry, Layout, Model, Part, get_model, make_layout, make_part
 from sinew.identify.oscillator.record import (
     FEWEST,
     Frame,
     Record,
     Scales,
     derivative_order,
+    dominant_omega,
+    even_samples,
     frames_of,
     input_derivative,
 )
-from sinew.identify.oscillator.start import dominant_omega, regress_together, ringing, ringing_misfit
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
@@ -48,15 +60,12 @@ def fit(
     records: Record | Sequence[Record],
     model: Model | str,
     *,
-    varying: Sequence[str] = (),
     kept: Masks | None = None,
     guess: Fit | None = None,
     smaller: Fit | None = None,
 ) -> Fit:
     """Return the fit of a model to one record, or to several with the same mechanics.
 
-    varying: of several records, the mechanical numbers (names of `LOCAL`: stiffness, damping, ...) that differ from
-        group to group (`Record.group`); all others are shared.
     kept: masks of the samples to be fitted, one for each record, shape (n,); all where it is None. The simulation runs
         through the others, so what it says there is a prediction.
     guess: a fit of the same model to similar records, where the search begins.
@@ -75,7 +84,7 @@ def fit(
             raise RecordingError(
                 f"record {number} has {np.count_nonzero(mask)} samples to fit, expected at least {FEWEST}; keep more"
             )
-    found = [_fit_in_frame(records, model, frame, varying, masks, guess, smaller) for frame in frames]
+    found = [_fit_in_frame(records, model, frame, masks, guess, smaller) for frame in frames]
     return min(found, key=lambda one: one.rmse)
 
 
@@ -92,7 +101,6 @@ def _fit_in_frame(
     records: Sequence[Record],
     model: Model,
     frame: Frame,
-    varying: Sequence[str],
     masks: Masks,
     guess: Fit | None,
     smaller: Fit | None,
@@ -101,32 +109,19 @@ def _fit_in_frame(
     if guess is not None and len(guess.records) == len(records):
         scales, starts = [part.scales for part in guess.layout.parts], None
     else:
-        scales, starts = _begin(records, model, frame, varying, masks)
+        # What is held out must not even choose the start.
+        seen = [np.flatnonzero(mask) for mask in masks]
+        taught = [record.cut(int(at[0]), int(at[-1]) + 1) for record, at in zip(records, seen, strict=True)]
+        scales, starts = map(list, zip(*begin(taught, model, frame), strict=True))
         scales = scales if known is None else [part.scales for part in known.layout.parts]
     parts = [
         make_part(record, model, own, frame, mask) for record, own, mask in zip(records, scales, masks, strict=True)
     ]
-    layout = make_layout(model, parts, varying)
+    layout = make_layout(model, parts)
     first = guess.solution.values if guess is not None and starts is None else first_values(layout, starts or [])
-    taught = carried_over(layout, first, known) if known is not None and starts is not None else None
-    solution = search(layout, first, masks, taught, known=guess is not None and starts is None)
+    carried = carried_over(layout, first, known) if known is not None and starts is not None else None
+    solution = search(layout, first, masks, carried, known=guess is not None and starts is None)
     return _tell(layout, solution, masks, frame, records)
-
-
-def _begin(
-    records: Sequence[Record], model: Model, frame: Frame, varying: Sequence[str], masks: Masks
-) -> tuple[list[Scales], list[dict[str, float]]]:
-    """Return scales and starts of the records, begun together, or by group where the groups differ."""
-    taught = []
-    for record, mask in zip(records, masks, strict=True):  # what is held out must not even choose the start
-        seen = np.flatnonzero(mask)
-        taught.append(record.cut(int(seen[0]), int(seen[-1]) + 1))
-    found: dict[int, tuple[Scales, dict[str, float]]] = {}
-    groups = [record.group if varying else "" for record in records]
-    for group in dict.fromkeys(groups):
-        mine = [i for i, one in enumerate(groups) if one == group]
-        found |= dict(zip(mine, begin([taught[i] for i in mine], model, frame), strict=True))
-    return [found[i][0] for i in range(len(records))], [found[i][1] for i in range(len(records))]
 
 
 def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, records: Sequence[Record]) -> Fit:
@@ -197,21 +192,20 @@ def carried_over(layout: Layout, first: Array, smaller: Fit) -> Array:
         if _key(entry) in found:
             x[k] = found[_key(entry)]
         elif entry.local == "loss_factor":
-            damping = found.get(("damping", entry.group, entry.record), found.get(("damping", "", -1), 0.0))
-            x[k] = _loss_factor(damping, found, entry)
+            x[k] = _loss_factor(found.get(("damping", -1), 0.0), found)
         elif entry.local == "hysteresis":  # dry friction is its limit
-            x[k] = found.get(("coulomb", entry.group, entry.record), found.get(("coulomb", "", -1), 0.0))
+            x[k] = found.get(("coulomb", -1), 0.0)
         elif LOCAL[entry.local].absent:
             x[k] = 0.0
     return x
 
 
-def _key(entry: Entry) -> tuple[str, str, int]:
-    return entry.local, entry.group, entry.record
+def _key(entry: Entry) -> tuple[str, int]:
+    return entry.local, entry.record
 
 
-def _loss_factor(damping: float, found: dict[tuple[str, str, int], float], entry: Entry) -> float:
-    stiffness = found.get(("stiffness", entry.group, entry.record), found.get(("stiffness", "", -1), 1.0))
+def _loss_factor(damping: float, found: dict[tuple[str, int], float]) -> float:
+    stiffness = found.get(("stiffness", -1), 1.0)
     return float(np.clip(damping / np.sqrt(max(stiffness, 1e-3)), *_LOSS_FACTORS))
 
 
@@ -232,7 +226,7 @@ def remembering_starts(
 def _from_viscous(layout: Layout, first: Array, masks: Masks) -> Array:
     at = {_key(entry): k for k, entry in enumerate(layout.entries)}
     viscous = make_layout(layout.model.damped(VISCOUS), layout.parts)
-    same = [(entry.local.replace("damping", "loss_factor"), entry.group, entry.record) for entry in viscous.entries]
+    same = [(entry.local.replace("damping", "loss_factor"), entry.record) for entry in viscous.entries]
     if not all(key in at for key in same):
         return first
     whose = [at[key] for key in same]
@@ -244,7 +238,7 @@ def _from_viscous(layout: Layout, first: Array, masks: Masks) -> Array:
     x[whose] = values
     for k, entry in enumerate(layout.entries):
         if entry.local == "loss_factor":
-            x[k] = _loss_factor(float(x[k]), found, entry)
+            x[k] = _loss_factor(float(x[k]), found)
     return x
 
 
@@ -425,11 +419,7 @@ def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
     """Return where a search begins, in normal form; starts: what `begin` said of each part."""
     x = np.zeros(len(layout.entries))
     for k, entry in enumerate(layout.entries):
-        which = [
-            i
-            for i, part in enumerate(layout.parts)
-            if entry.record in (-1, i) and entry.group in ("", part.record.group)
-        ]
+        which = [i for i in range(len(layout.parts)) if entry.record in (-1, i)]
         if entry.local in ("drift", "creep_time", *HISTORIES):
             own = max(entry.record, 0)
             size = layout.parts[own].unit_size if entry.local == "drift" else 1.0
@@ -514,3 +504,165 @@ def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:
             x = solve(layout.problem(seen), x, tolerance=1e-4, max_evaluations=12).values
         horizon *= _GROWTH
     return solve(problem, x, tolerance=_TOLERANCE, max_evaluations=60)
+
+
+# A search begins by linear regression on the equation of motion in its weak form.
+#
+# Multiplied by a smooth bump w that is zero at both ends of a window, and integrated over it, the equation's
+# derivatives pass on to w: ∫w r'' = ∫w'' r. So stiffness, damping, friction, cubic and quadratic term and gain follow
+# from one linear regression over many windows, without a derivative of measured data.
+
+_AT_START = 0.12  # of a period: samples that tell position and rate at the start
+_PENCIL_SAMPLES, _PENCIL_ORDER = 20, 6  # in a period; the oscillation, a harmonic, and two poles for the creep
+
+
+def ringing(record: Record, omega: float) -> dict[str, float] | None:
+    """Return stiffness, damping, offset and start of the one oscillation in a free decay that has most of its energy.
+
+    omega: about its frequency, within a factor of three [rad/s]. By the matrix pencil, which separates it from the
+    creep of its rest position; None where it finds none.
+    """
+    even, y, _ = even_samples(record)
+    stride = max(1, int(2 * math.pi / omega / (even[1] - even[0]) / _PENCIL_SAMPLES))
+    count = y.size // stride
+    means = y[: count * stride].reshape(count, stride).mean(axis=1)
+    found = split_poles(means - means[-count // 4 :].mean(), stride * (even[1] - even[0]), (_PENCIL_ORDER,))[0]
+    if not found:
+        return None
+    pole = found[0][0]
+    offset, real, imaginary = map(float, np.linalg.lstsq(_wave(even, pole), y, rcond=None)[0])
+    amplitude = complex(real, imaginary) / pole ** derivative_order(record.output_unit)
+    return {
+        "stiffness": abs(pole) ** 2,
+        "damping": -2 * pole.real,
+        "loss_factor": -2 * pole.real / abs(pole),
+        "offset": offset,
+        "start": amplitude.real,
+        "start_rate": (amplitude * pole).real,
+    }
+
+
+def ringing_misfit(record: Record, stiffness: float, damping: float) -> float:
+    """Return the rms of what a linear oscillation with these mechanics, of any start, leaves of a free decay."""
+    even, y, _ = even_samples(record)
+    table = _wave(even, -0.5 * damping + 1j * math.sqrt(max(stiffness - 0.25 * damping**2, 0.0)))
+    if not np.isfinite(table).all():
+        return math.inf
+    return float(np.std(y - table @ np.linalg.lstsq(table, y, rcond=None)[0]))
+
+
+def _wave(even: Array, pole: complex) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        wave = np.exp(pole * (even - even[0]))
+    return np.stack([np.ones(even.size), wave.real, -wave.imag], axis=1)
+
+
+def regress_together(records: Sequence[Record], model: Model, omega: float, frame: Frame) -> list[dict[str, float]]:
+    """Return coefficients of the model in SI units, by name of `LOCAL`, of every record; `offset` in its output's unit.
+
+    All records have the same mechanics, and only a constant is each one's own.
+    omega: a frequency of the motion, which sets the length of the windows [rad/s].
+    A record of a single frequency tells neither stiffness from inertia nor the gain; several of them do.
+    """
+    equations = [_equation(record, model, omega, frame) for record in records]
+    columns = list(equations[0].columns)
+    rows = [np.stack([one.columns[name] for name in columns], axis=1) for one in equations]
+    own = np.zeros((sum(row.shape[0] for row in rows), len(rows)))
+    ends = np.cumsum([0, *(row.shape[0] for row in rows)])
+    for i, one in enumerate(equations):
+        own[ends[i] : ends[i + 1], i] = one.constant
+    table = np.concatenate([np.concatenate(rows), own], axis=1)
+    size = np.linalg.norm(table, axis=0)
+    size[size == 0] = 1.0
+    target = np.concatenate([one.target for one in equations])
+    found = np.linalg.lstsq(table / size, target, rcond=1e-10)[0] / size
+    shared = dict(zip(columns, map(float, found), strict=False))
+    return [
+        _finished(shared, float(constant), one, model, record)
+        for constant, one, record in zip(found[len(columns) :], equations, records, strict=True)
+    ]
+
+
+class _Equation(NamedTuple):
+    """The weak form of one record: columns by name of `LOCAL`, the constant's, the inertia's, and the motion."""
+
+    columns: dict[str, Array]
+    constant: Array
+    target: Array
+    motion: Array
+    centre: float
+    start: tuple[float, float]
+
+
+def _equation(record: Record, model: Model, omega: float, frame: Frame) -> _Equation:
+    even, y, given = even_samples(record)
+    step = float(even[1] - even[0])
+    half = max(4, int(0.6 * 2 * math.pi / omega / step))
+    if 2 * half + 8 >= y.size:
+        half = max(2, (y.size - 8) // 4)
+    order = derivative_order(record.output_unit)
+    motion = _integrated(y - y.mean() if order else y, step, order)
+    centre = float(motion.mean())
+    motion = motion - centre
+    driving = None if given is None else _Weak(half, step).of(given, input_derivative(record))
+    weak = _Weak(half, step)
+    if frame == "absolute" and given is not None:
+        motion = motion - _base_share(weak, motion, given, record) * _integrated(given, step, 0)
+    few = max(3, int(_AT_START * 2 * math.pi / omega / step))
+    line = np.polynomial.Polynomial.fit(even[:few] - even[0], motion[:few], 2 if few > 8 else 1).convert()
+    start = float(line(0.0)), float(line.deriv()(0.0))
+    centre = centre if order == 0 else float(y.mean())
+    columns = _columns(weak, motion, driving, model, record)
+    return _Equation(columns, weak.of(np.ones_like(motion), 0), weak.of(motion, 2), motion, centre, start)
+
+
+def _integrated(y: Array, step: float, order: int) -> Array:
+    for _ in range(order):
+        y = cumulative_trapezoid(y, dx=step, initial=0)
+        y = y - np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)(np.arange(y.size))
+    return np.asarray(y, dtype=float)
+
+
+def _base_share(weak: "_Weak", motion: Array, given: Array, record: Record) -> float:
+    """Return how much of the input is in the absolute motion; 1 where both have the same unit."""
+    if record.input_unit == record.output_unit or derivative_order(record.input_unit):
+        return 1.0 if record.input_unit == record.output_unit else 0.0
+    columns = np.stack([-weak.of(motion, 0), -weak.of(motion, 1), weak.of(given, 0), weak.of(given, 1)], axis=1)
+    found = np.linalg.lstsq(columns, weak.of(motion, 2), rcond=None)[0]
+    return float(found[2] / found[0])
+
+
+class _Weak:
+    """Windows of half-length `half` samples, a quarter of it apart."""
+
+    def __init__(self, half: int, step: float) -> None:
+        x = np.linspace(-1.0, 1.0, 2 * half + 1)
+        bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 5
+        self._weights = [bump.deriv(k)(x) * (-1.0) ** k / (half * step) ** k if k else bump(x) for k in range(3)]
+        self._stride, self.step = max(1, half // 4), step
+
+    def of(self, signal: Array, derivative: int) -> Array:
+        """Return ∫ w · d^k signal/dt^k over every window."""
+        whole = fftconvolve(signal, self._weights[derivative][::-1], mode="valid")
+        return np.asarray(whole[:: self._stride], dtype=float)
+
+
+def _columns(weak: _Weak, motion: Array, driving: Array | None, model: Model, record: Record) -> dict[str, Array]:
+    rate = np.gradient(motion, weak.step)
+    columns = {term.numbers[0].name: -weak.of(*term.regressor(motion, rate)) for term in model.law.terms}
+    if driving is not None:
+        columns["gain"] = driving if record.excitation not in ("base", "lever") else -driving
+    return columns
+
+
+def _finished(
+    shared: dict[str, float], constant: float, equation: _Equation, model: Model, record: Record
+) -> dict[str, float]:
+    values, shift = dict(shared), 0.0
+    if derivative_order(record.output_unit) == 0 and values["stiffness"] > 0:
+        shift = float(constant / values["stiffness"])
+        shift = shift if abs(shift) <= 0.5 * np.abs(equation.motion).max() else 0.0
+    for term in model.law.terms:
+        values |= term.started(values, float(np.abs(equation.motion).max()))
+    position, rate = equation.start
+    return values | {"offset": equation.centre + shift, "start": position - shift, "start_rate": rate}

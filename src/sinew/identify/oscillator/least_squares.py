@@ -1,14 +1,14 @@
 """Least squares, from one start or several: how the search went, and how certain its solution is."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from sinew.analysis.signal.coloured_noise import sandwich
+from sinew.analysis.signal.least_squares import sandwich
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -45,8 +45,6 @@ class Solution:
 
     values: shape (m,). residual: shape (n,), jacobian: shape (n, m), both there.
     converged: whether the search ended at a minimum; message: how it ended, a sentence.
-    evaluations: residuals that were asked for, over all starts. start: index of the start that led here.
-    agreeing: how many starts led to the same minimum (costs within 1e-6 of each other).
     """
 
     values: Array
@@ -54,9 +52,6 @@ class Solution:
     jacobian: Array
     converged: bool
     message: str
-    evaluations: int
-    start: int = 0
-    agreeing: int = 1
 
     @property
     def sum_of_squares(self) -> float:
@@ -95,7 +90,7 @@ def solve(
     if not starts:
         raise ValueError("a search needs at least one start")
     found: list[Solution] = []
-    for index, start in enumerate(starts):
+    for start in starts:
         first = problem.residual(np.asarray(start, dtype=float))
         if first.size < np.size(start):
             raise RecordingError(
@@ -103,14 +98,11 @@ def solve(
             )
         if _has_a_sum(first):
             found.append(_descend(problem, np.asarray(start, dtype=float), first, bounds, tolerance, max_evaluations))
-            found[-1] = replace(found[-1], start=index)
     if not found:
         raise RecordingError(
             "the model runs away from every start; check the excitation, and the units of input and output"
         )
-    best = min(found, key=lambda solution: solution.sum_of_squares)
-    agreeing = sum(solution.sum_of_squares <= best.sum_of_squares * (1 + 1e-6) for solution in found)
-    return replace(best, agreeing=agreeing, evaluations=sum(solution.evaluations for solution in found))
+    return min(found, key=lambda solution: solution.sum_of_squares)
 
 
 def _has_a_sum(residual: Array) -> bool:
@@ -156,7 +148,6 @@ def _descend(
         np.asarray(end.jac, dtype=float),  # of a search without a loss function it is that at the solution
         bool(end.status > 0),
         _sentence(int(end.status), int(end.nfev)),
-        int(end.nfev),
     )
 
 
@@ -178,7 +169,7 @@ def _sentence(status: int, evaluations: int) -> str:
 #
 # - classical, s² (JᵀJ)⁻¹ with s² = rᵀr/(n - m): right for independent residuals of one size;
 # - coloured, (JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹ with Γ the autocovariance of an autoregression through the residuals (see
-#   `sinew.analysis.signal.coloured_noise`): for residuals that are correlated from sample to sample;
+#   `sinew.analysis.signal.least_squares`): for residuals that are correlated from sample to sample;
 # - HAC, the same sandwich with the scores' own autocovariance, Σ_k w_k Σ_n J_n r_n r_{n+k} J_{n+k}ᵀ, Bartlett weights
 #   (Newey and West 1987): for residuals that also change in size. It needs many samples.
 
@@ -275,15 +266,6 @@ def long_run(scores: Array, lags: int) -> Array:
         lagged = scores[:-k].T @ scores[k:]
         total += (1 - k / (lags + 1)) * (lagged + lagged.T)
     return total
-
-
-def correlation(matrix: Array) -> Array:
-    """Return the correlation matrix of a covariance matrix, shape (m, m); NaN where a variance is zero or infinite."""
-    std = np.sqrt(np.diag(matrix))
-    good = np.isfinite(std) & (std > 0)
-    found = np.full(matrix.shape, np.nan)
-    found[np.ix_(good, good)] = np.clip(matrix[np.ix_(good, good)] / np.outer(std[good], std[good]), -1.0, 1.0)
-    return found
 
 
 def estimates(values: Array, certainty: Covariance) -> list[Estimate]:

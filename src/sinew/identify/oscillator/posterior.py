@@ -23,8 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special, stats
 
-from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
-from sinew.identify.oscillator.model import Layout, Part
+from sinew.identify.oscillator.model import Fit, Layout, Part, number_names, physical_numbers
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError, how_to_install
@@ -311,7 +310,7 @@ def _require_numpyro() -> None:
         import numpyro.infer.hmc  # noqa: F401 - an optional extra: looked for, and loaded, only here
     except ImportError:
         raise SpecError(
-            "the posterior needs NumPyro, which is not installed; take the intervals of the fit or of its profiles, or "
+            "the posterior needs NumPyro, which is not installed; take the intervals of the fit, or "
             f"install it: {how_to_install('posterior')}"
         ) from None
 
@@ -402,7 +401,7 @@ def _described(fit: Fit, values: Array, chains: int, divergences: int, better: b
         f"R-hat at most {worst:.3f}, at least {fewest:.0f} effective"
     ]
     if divergences:
-        told.append(f"{divergences} transitions diverged: take profile intervals beside these")
+        told.append(f"{divergences} transitions diverged: these intervals may be too narrow")
     if not (worst <= _UNMIXED and fewest >= _FEW):
         told.append("the chains have not mixed; ask for more draws and warm-up")
     if better:

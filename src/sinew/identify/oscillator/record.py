@@ -13,10 +13,10 @@ from sinew.analysis.decay.free_decay import Peaks, find_peaks, free_decay
 from sinew.analysis.decay.samples import read_samples, unwrapped_angle
 from sinew.identify.oscillator.track import LOCAL, Grid
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, SpecError, UnitError
 from sinew.measure.timing import choose_stretch
 from sinew.measure.units import convert
+from sinew.measure.validation import as_numbers, as_seconds
 from sinew.mechanics.laws import Law, LossFactor
 from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
@@ -164,6 +164,64 @@ def make_record(
         output_delay_s,
         group,
     )
+
+
+# How a record swings.
+
+_LEVEL, _STEADY, _SWITCHES = 0.1, 0.9, 6  # of a step's height; share of the samples at a level; jumps
+
+
+_CREEPING = 4.0  # periods in the record, below which a decay's motion may be the creep of its rest position
+
+
+def dominant_omega(record: Record) -> float:
+    """Return the angular frequency at which the output has most of its motion [rad/s].
+
+    Raises RecordingError where the output does not move, or has not even one period in the record.
+    """
+    even, y, given = even_samples(record)
+    y = y - y.mean()
+    if not np.abs(y).max() > 0:
+        raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
+    step = even[1] - even[0]
+    size = 2 ** math.ceil(math.log2(4 * y.size))
+    free = record.excitation == "none"
+    if free:  # a window would take away the begin, where a decay is largest
+        moving = y - np.median(y[-y.size // 4 :])
+    elif given is not None and is_step(record):  # what swings about the position that the step leads to
+        free, stepping = True, np.stack([np.ones_like(y), given], axis=1)
+        moving = y - stepping @ np.linalg.lstsq(stepping, y, rcond=None)[0]
+    else:
+        moving = (y - np.polynomial.Polynomial.fit(even, y, 1)(even)) * np.hanning(y.size)
+    power = np.abs(np.fft.rfft(moving, size)) ** 2
+    frequency = np.fft.rfftfreq(size, step)
+    lasts = even[-1] - even[0]
+    power[frequency < 1.0 / lasts] = 0.0
+    if free:
+        power *= (frequency**2 / (frequency**2 + (_CREEPING / lasts) ** 2)) ** 2
+    best = int(np.argmax(power))
+    if best == 0:
+        raise RecordingError("the record is shorter than one period of its oscillation; record longer")
+    return float(2 * math.pi * frequency[best])
+
+
+def is_step(record: Record) -> bool:
+    """Return whether the input is a step or a few of them: a force or torque that is switched, or a base that jumps."""
+    if record.input is None:
+        return False
+    low, high = float(record.input.min()), float(record.input.max())
+    height = (record.input - low) / max(high - low, 1e-300)
+    up = height > 0.5
+    steady = (height < _LEVEL) | (height > 1 - _LEVEL)
+    return bool(steady.mean() > _STEADY and 1 <= np.count_nonzero(up[1:] != up[:-1]) <= _SWITCHES)
+
+
+def even_samples(record: Record) -> tuple[Array, Array, Array | None]:
+    """Return time, output and input on an even grid."""
+    t = record.time_s
+    even = np.linspace(t[0], t[-1], t.size)
+    given = None if record.input is None else np.interp(even - record.output_delay_s, t, record.input)
+    return even, np.interp(even, t, record.output), given
 
 
 # A record becomes the grid of a simulation: steps, inputs between the samples, and scales.

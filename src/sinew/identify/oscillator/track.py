@@ -11,7 +11,6 @@ What is measured is r (or r', r''), plus g z for the absolute motion over a movi
 drift or creep: offset + drift·t/T, or offset + drift·(1 - exp(-t/τ)).
 """
 
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.mechanics.laws import HISTORIES, NUMBERS, Law, Linear, Number, Viscous
+from sinew.mechanics.laws import HISTORIES, NUMBERS, Law, Number
 from sinew.solve.programs import program
 
 LOCAL: dict[str, Number] = {
@@ -225,158 +224,20 @@ def traced_slopes(numbers: jax.Array, free: jax.Array, grid: Grid, law: Law, ord
     return jnp.asarray(jax.vmap(along)(free)).T
 
 
-def track(numbers: Array, grid: Grid, law: Law, order: int, steps: int | None = None) -> Array:
+def track(numbers: Array, grid: Grid, law: Law, order: int) -> Array:
     """Return what would be measured at the ends of the steps, shape (s + 1,), in amplitudes A.
 
     numbers: those named in `LOCAL`, shape (local,). order: 0 for the motion, 1 for its rate, 2 for its acceleration.
-    steps: how many are wanted; what is compiled takes all of them all the same.
     """
-    if law == LINEAR:
-        return _linear_track(numbers, grid, order, steps)
     return np.asarray(traced_track(numbers, grid, law.compiled, order), dtype=float)
 
 
-def track_slopes(
-    numbers: Array, free: NDArray[np.intp], grid: Grid, law: Law, order: int, steps: int | None = None
-) -> Array:
+def track_slopes(numbers: Array, free: NDArray[np.intp], grid: Grid, law: Law, order: int) -> Array:
     """Return the derivatives of the track by the free ones of its numbers, shape (s + 1, f).
 
-    free: indices into `LOCAL`, shape (f,). steps: as in `track`.
+    free: indices into `LOCAL`, shape (f,).
     """
-    if law == LINEAR:
-        return _linear_slopes(numbers, grid, order, steps)[:, free]
     # Of few widths, so that few are compiled for: a direction more costs little, a compilation a second.
     directions = np.zeros((max(8, -(-free.size // 4) * 4), len(LOCAL)))
     directions[np.arange(free.size), free] = 1.0
     return np.asarray(traced_slopes(numbers, directions, grid, law.compiled, order)[:, : free.size], dtype=float)
-
-
-# The steps of a linear law are matrices, so all of them are taken together instead of one after another.
-#
-# With y = (r, r') and y' = M y + (0, a(t)) a step of RK4 is y⁺ = P y + q, P = Σ (hM)^j/j! up to j = 4 and q from a at
-# its begin, middle and end. These are the loop's own numbers but for rounding. The record is cut into as many stretches
-# as each has steps; all of them march at once, from rest and from both unit states, and are then joined.
-
-LINEAR = Linear() + Viscous()
-"""The law whose steps are matrices."""
-
-_EXPONENTIAL = np.array([1.0, 1.0, 1 / 2, 1 / 6, 1 / 24])
-_OF_BEGIN = np.array([1.0, 1.0, 1 / 2, 1 / 4, 0.0]) / 6
-_OF_MIDDLE = np.array([4.0, 2.0, 1 / 2, 0.0, 0.0]) / 6
-
-
-def _linear_track(numbers: Array, grid: Grid, order: int, count: int | None) -> Array:
-    p = {name: float(numbers[i]) for name, i in PLACE.items()}
-    steps = _LinearSteps(p["stiffness"], p["damping"], grid, count)
-    with np.errstate(over="ignore", invalid="ignore"):
-        y = _march(steps.matrix, p["gain"] * steps.push[None], np.array([[p["start"], p["start_rate"]]]))[0]
-        moving = steps.seen(y, p["gain"], order)
-    return np.asarray(moving + np.asarray(_resting(numbers, grid))[: moving.size])
-
-
-def _linear_slopes(numbers: Array, grid: Grid, order: int, count: int | None) -> Array:
-    """Return the derivatives of a linear track by all numbers of `LOCAL`, shape (s + 1, local)."""
-    p = {name: float(numbers[i]) for name, i in PLACE.items()}
-    steps = _LinearSteps(p["stiffness"], p["damping"], grid, count)
-    found = np.array(_resting_slopes(numbers, grid))[: steps.push.shape[1] + 1]
-    names = ("start", "start_rate", "gain")
-    with np.errstate(over="ignore", invalid="ignore"):
-        pushes = np.stack([np.zeros_like(steps.push), np.zeros_like(steps.push), steps.push])
-        basis = _march(steps.matrix, pushes, np.eye(3, 2))  # the motion is linear in these three
-        for name, y in zip(names, basis, strict=True):
-            found[:, PLACE[name]] += steps.seen(y, float(name == "gain"), order)
-        y = np.tensordot([p[name] for name in names], basis, 1)
-        leaning = _march(steps.matrix, steps.turned(y, p["gain"]), np.zeros((2, 2)))
-        for k, name in enumerate(("stiffness", "damping")):
-            own = steps.seen(leaning[k], 0.0, order)
-            found[:, PLACE[name]] += own - y[k] if order == 2 else own
-    return found
-
-
-class _LinearSteps:
-    """The steps of a linear law over a grid.
-
-    matrix: P of every step, rows r⁺ by r, r⁺ by v, v⁺ by r, v⁺ by v, shape (4, s). push: q for a gain of one, (2, s).
-    """
-
-    def __init__(self, stiffness: float, damping: float, grid: Grid, count: int | None = None) -> None:
-        step, forcing = grid.step[:count], grid.forcing[:count]
-        self._stiffness, self._damping, self._forcing = stiffness, damping, forcing
-        matrix = np.array([[0.0, 1.0], [-stiffness, -damping]])
-        by = np.array([[[0.0, 0.0], [-1.0, 0.0]], [[0.0, 0.0], [0.0, -1.0]]])
-        powers, slopes = [np.eye(2)], [np.zeros((2, 2, 2))]
-        for _ in range(4):
-            slopes.append(slopes[-1] @ matrix + powers[-1] @ by)
-            powers.append(powers[-1] @ matrix)
-        self._slopes = np.stack(slopes, axis=1)
-        self._lengths = step ** np.arange(5)[:, None]
-        self.matrix = self._steps(np.stack(powers))
-        self.push = self._pushes(np.stack(powers))
-        self.push[1] += step / 6 * forcing[:, 2]
-
-    def _steps(self, powers: Array) -> Array:
-        return np.asarray((powers.reshape(5, 4) * _EXPONENTIAL[:, None]).T @ self._lengths)
-
-    def _pushes(self, powers: Array) -> Array:
-        """Return the part of q that depends on M; powers: of it, or their derivatives, shape (5, 2, 2)."""
-        begin, middle = ((powers[:, :, 1] * share[:, None]).T @ self._lengths for share in (_OF_BEGIN, _OF_MIDDLE))
-        return np.asarray(self._lengths[1] * (begin * self._forcing[:, 0] + middle * self._forcing[:, 1]))
-
-    def turned(self, y: Array, gain: float) -> Array:
-        """Return what pushes the derivatives of a motion y, shape (2, s + 1), by stiffness and damping, (2, 2, s)."""
-        found = []
-        for slopes in self._slopes:
-            a, b, c, d = self._steps(slopes)
-            r, v = y[0, :-1], y[1, :-1]
-            found.append(np.stack([a * r + b * v, c * r + d * v]) + gain * self._pushes(slopes))
-        return np.stack(found)
-
-    def seen(self, y: Array, gain: float, order: int) -> Array:
-        """Return what is measured of a motion y, shape (2, s + 1), under this share of the forcing."""
-        if order < 2:
-            return np.asarray(y[order])
-        push = np.concatenate([self._forcing[:1, 0], self._forcing[:, 2]])
-        return np.asarray(gain * push - self._stiffness * y[0] - self._damping * y[1])
-
-
-def _march(matrix: Array, push: Array, begin: Array) -> Array:
-    """Return c motions y⁺ = P y + q, shape (c, 2, s + 1). matrix: (4, s). push: (c, 2, s). begin: (c, 2)."""
-    size, columns = matrix.shape[1], push.shape[0]
-    length = math.isqrt(size - 1) + 1
-    stretches = -(-size // length)
-    room = length * stretches - size
-
-    def cut(rows: Array) -> Array:
-        padded = np.pad(rows, ((0, 0), (0, room))).reshape(rows.shape[0], stretches, length)
-        return np.ascontiguousarray(padded.transpose(2, 0, 1))
-
-    steps, pushes = cut(matrix), cut(push.reshape(2 * columns, size)).reshape(length, columns, 2, stretches)
-    found = np.empty((length, columns + 2, 2, stretches))
-    own = np.zeros((columns + 2, 2, stretches))
-    own[columns, 0] = own[columns + 1, 1] = 1.0
-    for i in range(length):
-        a, b, c, d = steps[i]
-        found[i, :, 0] = a * own[:, 0] + b * own[:, 1]
-        found[i, :, 1] = c * own[:, 0] + d * own[:, 1]
-        found[i, :columns] += pushes[i]
-        own = found[i]
-    start = np.empty((columns, 2, stretches))
-    state = np.asarray(begin, dtype=float)
-    for j in range(stretches):
-        start[:, :, j] = state
-        state = found[-1, :columns, :, j] + state @ found[-1, columns:, :, j]
-    moved = found[:, :columns] + start[:, :1] * found[:, None, columns] + start[:, 1:] * found[:, None, columns + 1]
-    whole = moved.transpose(1, 2, 3, 0).reshape(columns, 2, stretches * length)[:, :, :size]
-    return np.concatenate([begin[:, :, None], whole], axis=2)
-
-
-@program()
-def _resting(numbers: jax.Array, grid: Grid) -> jax.Array:
-    """Return what is measured of no motion: the base's, and the rest position."""
-    p = {name: jnp.asarray(numbers)[i] for name, i in PLACE.items()}
-    return _measured(jnp.zeros(jnp.asarray(grid.time).shape), p, grid)
-
-
-@program()
-def _resting_slopes(numbers: jax.Array, grid: Grid) -> jax.Array:
-    return jnp.asarray(jax.jacfwd(_resting)(jnp.asarray(numbers), grid))

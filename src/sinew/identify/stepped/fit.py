@@ -7,29 +7,56 @@ oscillations at one frequency, the measured one says which is meant.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
-from scipy import special
 
-from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
-from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
-from sinew.identify.oscillator.fitted import Fitted, mechanical_parameters, oscillation, words_and_scales
+from sinew.analysis.signal.least_squares import solve_scaled
 from sinew.identify.oscillator.least_squares import (
     Covariance,
     Problem,
     Solution,
     estimates,
     find_unidentifiable,
-    long_run,
     solve,
 )
-from sinew.identify.oscillator.model import Layout, Model, Part, get_model, make_layout
+from sinew.identify.oscillator.model import (
+    SIGNIFICANT,
+    Fitted,
+    Layout,
+    Model,
+    Part,
+    get_model,
+    make_layout,
+    mechanical_parameters,
+    oscillation,
+    words_and_scales,
+)
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, frames_of, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import LOCAL, Grid
-from sinew.identify.stepped.oscillation import Drive, Laws, number_names, oscillate
-from sinew.identify.stepped.points import ResponsePoints
+from sinew.identify.stepped.oscillation import (
+    Drive,
+    Laws,
+    fundamentals,
+    lag_of,
+    lagging,
+    number_names,
+    oscillate,
+    swept,
+    top_of_sweep,
+)
+from sinew.identify.stepped.points import (
+    ResponsePoints,
+    ResponseTests,
+    ask_points,
+    sandwich,
+    squeeze_scatter,
+    whiten,
+)
 from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate
+from sinew.measure.result import Field, Result
 from sinew.mechanics.laws import Cubic, LossFactor, Pendulum, Term
 from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.programs import configure
@@ -128,10 +155,9 @@ def make_response_layout(
     points: Sequence[ResponsePoints],
     scales: Sequence[Scales],
     frame: Frame,
-    varying: Sequence[str] = (),
     chain: Sequence[str] = (),
 ) -> ResponseLayout:
-    """Return the layout. varying: mechanical numbers (of `LOCAL`) that each group has for itself."""
+    """Return the layout. chain: of `CHAIN`."""
     names, none = number_names(model.law), np.empty(0)
     parts = []
     for one, own in zip(points, scales, strict=True):
@@ -142,7 +168,7 @@ def make_response_layout(
         order = derivative_order(one.output_unit)
         unit_size = own.amplitude * own.omega**order
         parts.append(Part(one.signals, own, grid, none.astype(np.intp), none.astype(bool), order, unit_size, fixed))
-    layout = make_layout(model, parts, varying, names)
+    layout = make_layout(model, parts, names)
     size = max(float(np.abs(one.response).max()) for one in points)
     return ResponseLayout(layout, tuple(points), frame, tuple(chain), size)
 
@@ -243,155 +269,6 @@ def _weighted(columns: dict[str, Complexes], target: Complexes, std: Array, y: C
     return dict(zip(names, map(float, x), strict=True))
 
 
-# The scatter of single points borrows strength from that of all.
-
-_LEAST = 1e-12
-
-
-def squeeze_scatter(points: ResponsePoints) -> ResponsePoints:
-    """Return the points with variances drawn towards their common one, as far as chance explains that they differ.
-
-    A variance from few sidebands or repeats is itself uncertain, and points that came out quiet by chance would get
-    too much weight. The variances of the output's fundamental are taken for draws about one value with a spread of its
-    own, which the spread of their logarithms tells (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004); each becomes the
-    mean of its own and the common one, weighted with degrees of freedom. Known scatter (infinite `scatter_freedom`),
-    and fewer than four points, stay as they are.
-    """
-    own = points.scatter_freedom
-    if not np.isfinite(own) or points.size < 4:
-        return points
-    variance = 0.5 * np.trace(points.covariance, axis1=1, axis2=2) * points.input_amplitude**2
-    half = 0.5 * own
-    logarithm = np.log(variance) - special.digamma(half) + np.log(half)
-    extra = float(logarithm.var(ddof=1) - special.polygamma(1, half))
-    if extra > _LEAST:
-        common = 2.0 * _inverse_trigamma(extra)
-        middle = float(np.exp(logarithm.mean() + special.digamma(0.5 * common) - np.log(0.5 * common)))
-        weight, freedom = common / (common + own), common + own
-    else:
-        middle, weight, freedom = float(np.exp(logarithm.mean())), 1.0, own * points.size
-    shared = (middle / points.input_amplitude**2)[:, None, None] * np.eye(2)
-    covariance = (1.0 - weight) * points.covariance + weight * shared
-    return replace(points, covariance=covariance, scatter_freedom=float(freedom))
-
-
-def _inverse_trigamma(value: float) -> float:
-    if value > 1e7:
-        return float(1.0 / np.sqrt(value))
-    if value < 1e-6:
-        return 1.0 / value
-    x = 0.5 + 1.0 / value
-    for _ in range(50):
-        slope = float(special.polygamma(1, x))
-        step = slope * (1.0 - slope / value) / float(special.polygamma(2, x))
-        x += step
-        if -step < 1e-8 * x:
-            break
-    return x
-
-
-# The residuals of a stepped sine are asked whether scatter alone explains them.
-
-
-@dataclass(frozen=True)
-class ResponseTests:
-    """What the residuals of the points look like.
-
-    misfit: root mean square of the residuals in stated standard deviations, near 1 where model and scatter are right.
-    chi_square_p: of the sum of squares by the stated scatter; NaN where that is itself known by too few repeats.
-    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies. trends: with the motion's.
-    """
-
-    misfit: float
-    chi_square_p: float
-    neighbours_p: float
-    neighbours: float
-    trends: Trends
-
-    def sentences(self) -> tuple[str, ...]:
-        """Return what speaks against the model, in words; none where nothing does."""
-        found = []
-        if self.chi_square_p < SIGNIFICANT:
-            found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
-        if self.neighbours_p < SIGNIFICANT:
-            found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
-        return (*found, *self.trends.sentences())
-
-
-def ask_points(
-    points: Sequence[ResponsePoints], residuals: Sequence[Complexes], motion: Sequence[Array], parameters: int
-) -> ResponseTests:
-    """Return the tests of the residuals of all groups.
-
-    residuals: measured less predicted, in the unit of the response. motion: amplitude of the motion, shape (n,) each.
-    parameters: how many were fitted.
-    """
-    whitened = [whiten(one, r) for one, r in zip(points, residuals, strict=True)]
-    squares = [np.sum(w**2, axis=1) for w in whitened]
-    count = 2 * sum(one.size for one in points)
-    total = float(sum(s.sum() for s in squares))
-    freedom = max(count - parameters, 1)
-    # Over a scatter that was estimated with ν degrees of freedom each square is Hotelling's, 2ν/(ν-1) F(2, ν-1);
-    # their sum is taken for a gamma variate of the same mean and variance.
-    mean, variance = _hotelling(min(one.scatter_freedom for one in points))
-    scale = freedom / count
-    p = np.nan
-    if np.isfinite(variance):
-        n = 0.5 * count
-        p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
-    neighbours, pairs = _neighbours(whitened)
-    size = np.sqrt(np.concatenate(squares))
-    frequency = np.concatenate([one.frequency_hz for one in points])
-    return ResponseTests(
-        float(np.sqrt(total / freedom)),
-        p,
-        float(2 * special.ndtr(-abs(neighbours) * np.sqrt(pairs))) if pairs else np.nan,
-        neighbours,
-        Trends(rank_trend(np.concatenate(list(motion)), size), rank_trend(frequency, size)),
-    )
-
-
-def whiten(points: ResponsePoints, residual: Complexes) -> Array:
-    """Return residuals as uncorrelated pairs of unit variance by the stated scatter, shape (n, 2)."""
-    root = np.linalg.cholesky(points.covariance)
-    pair = np.stack([residual.real, residual.imag], axis=1)
-    return np.asarray(np.linalg.solve(root, pair[:, :, None])[:, :, 0])
-
-
-def _hotelling(freedom: float) -> tuple[float, float]:
-    """Return mean and variance of the square of a whitened pair."""
-    if not np.isfinite(freedom):
-        return 2.0, 4.0
-    second = freedom - 1.0
-    if second <= 4:
-        return 2.0, np.inf
-    factor = 2.0 * freedom / second
-    mean = factor * second / (second - 2)
-    return mean, factor**2 * 2 * second**2 * second / (2 * (second - 2) ** 2 * (second - 4))
-
-
-def _neighbours(whitened: Sequence[Array]) -> tuple[float, int]:
-    """Return the correlation of neighbouring pairs and how many products are in it."""
-    above = sum(float(np.sum(w[1:] * w[:-1])) for w in whitened)
-    below = sum(float(np.sum(w**2)) for w in whitened)
-    pairs = sum(2 * max(w.shape[0] - 1, 0) for w in whitened)
-    return (above / below if below > 0 else 0.0), pairs
-
-
-def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array, Array, Array]:
-    """Return (classical, robust, lengths): covariances (m, m) of coefficients over `lengths`, of the columns (m,).
-
-    rows, residual: weighted, two for each point, (2n, m) and (2n,). sizes: of the groups. The robust one is that of the
-    scores of points, which go together over a sixth of their group.
-    """
-    n, m = rows.shape
-    (scaled, lengths), freedom = unit_columns(rows), max(n - m, 1)
-    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
-    summed = sum(long_run(own, own.shape[0] // 6) for own in np.split(scores, np.cumsum(sizes)[:-1]))
-    return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths
-
-
 @dataclass(frozen=True, kw_only=True)
 class ResponseFit(Fitted):
     """What the points of a stepped sine say about a model.
@@ -424,13 +301,10 @@ def fit_response(
     points: ResponsePoints | Sequence[ResponsePoints],
     model: Model | str,
     *,
-    varying: Sequence[str] = (),
     chain: Sequence[str] = (),
 ) -> ResponseFit:
     """Return the fit of a model to one stepped sine, or to several with the same mechanics.
 
-    varying: of several groups, the mechanical numbers (names of `LOCAL`: stiffness, damping, ...) that differ from
-        group to group; all others are shared.
     chain: what else the measuring chain may add, of `CHAIN`: a constant turn of the phase (a lock-in's reference, a
         velocity taken for a position) and a response that does not depend on frequency.
 
@@ -444,7 +318,7 @@ def fit_response(
     groups = tuple(squeeze_scatter(one) for one in given)
     model = get_model(model) if isinstance(model, str) else model
     _check(groups, model, chain)
-    found = [_fit_in_frame(groups, model, frame, varying, chain) for frame in frames_of(groups[0].signals)]
+    found = [_fit_in_frame(groups, model, frame, chain) for frame in frames_of(groups[0].signals)]
     return min(found, key=lambda one: one.solution.sum_of_squares)
 
 
@@ -466,41 +340,26 @@ def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str])
         raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
 
 
-def _fit_in_frame(
-    points: tuple[ResponsePoints, ...], model: Model, frame: Frame, varying: Sequence[str], chain: Sequence[str]
-) -> ResponseFit:
-    scales, values = _begin(points, model, frame, varying, "phase" in chain)
-    layout = make_response_layout(model, points, scales, frame, varying, chain)
+def _fit_in_frame(points: tuple[ResponsePoints, ...], model: Model, frame: Frame, chain: Sequence[str]) -> ResponseFit:
+    values = regress_response(points, model, frame, "phase" in chain)
+    scales = [scales_of_points(one, values, frame) for one in points]
+    layout = make_response_layout(model, points, scales, frame, chain)
     problem = _problem(layout)
     solution = solve(problem, *_starts(layout, values), tolerance=_TOLERANCE, max_evaluations=100)
     return _tell(layout, solution)
 
 
-def _begin(
-    points: Sequence[ResponsePoints], model: Model, frame: Frame, varying: Sequence[str], turned: bool
-) -> tuple[list[Scales], list[dict[str, float]]]:
-    names = [one.group if varying else "" for one in points]
-    found: dict[str, dict[str, float]] = {}
-    for name in dict.fromkeys(names):
-        mine = [one for one, its in zip(points, names, strict=True) if its == name]
-        found[name] = regress_response(mine, model, frame, turned)
-    values = [found[name] for name in names]
-    return [scales_of_points(one, v, frame) for one, v in zip(points, values, strict=True)], values
-
-
-def _starts(layout: ResponseLayout, values: Sequence[dict[str, float]]) -> list[Array]:
+def _starts(layout: ResponseLayout, values: dict[str, float]) -> list[Array]:
     """Return where the search begins: by the regression, and for a stiffness with more terms also without them."""
     parts, entries = layout.layout.parts, layout.layout.entries
     x = np.zeros(layout.width)
     for k, entry in enumerate(entries):
-        which = [i for i, part in enumerate(parts) if entry.group in ("", part.record.group)]
         normal = []
-        for i in which:
-            ratio = layout.layout.ratio[i][np.flatnonzero(layout.layout.index[i] == k)[0]]
-            normal.append(values[i].get(entry.local, 0.0) / parts[i].scales.physical(entry.local) / ratio)
+        for part, ratio in zip(parts, layout.layout.ratio, strict=True):
+            normal.append(values.get(entry.local, 0.0) / part.scales.physical(entry.local) / ratio[k])
         x[k] = float(np.clip(np.median(normal), *_START.get(entry.local, LOCAL[entry.local].start)))
     for k, name in enumerate(layout.chain, start=layout.mechanics):
-        x[k] = values[0].get(name, 0.0)
+        x[k] = values.get(name, 0.0)
     bent = np.array([entry.local in ("quadratic", "cubic") for entry in entries] + [False] * len(layout.chain))
     if not bent.any():
         return [x]
@@ -596,3 +455,149 @@ def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ..
     noise = float(np.sqrt(solution.sum_of_squares / (n - m)))
     natural = np.append(natural, np.full(len(layout.chain), _CHAIN_NATURAL))
     return find_unidentifiable(names, natural, solution.jacobian, noise)
+
+
+# A fitted response gives its peak and its curve.
+
+_UNKNOWN = Estimate(np.nan, np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True, repr=False)
+class LevelPeak(Result):
+    """Where a fitted response to a drive of one amplitude resonates.
+
+    input_amplitude: in the unit of the input. frequency_hz: of the peak; gain: of the output there over the drive, of
+    the joint itself, without turn and background of the measuring chain. phase_90_hz: where the motion lags by 90°.
+    reason: one sentence where there is no peak in reach of the points, else empty.
+    """
+
+    input_amplitude: Annotated[float, Field("drive")]
+    frequency_hz: Annotated[Estimate, Field("peak")] = _UNKNOWN
+    gain: Annotated[Estimate, Field("gain")] = _UNKNOWN
+    phase_90_hz: Annotated[Estimate, Field("90° of lag")] = _UNKNOWN
+    reason: str = ""
+
+
+def _around(x: Array, covariance: Array) -> Array:
+    """Return x and one standard deviation to both sides of it along the columns of the covariance, (2m + 1, m)."""
+    size, turned = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = (turned * np.sqrt(np.maximum(size, 0.0))).T
+    return np.concatenate([x[None], x + root, x - root])
+
+
+def _spread_of(values: Array, freedom: float) -> Estimate:
+    """Return the estimate of what was read at each row of `_around`, shape (2m + 1,), to first order."""
+    count = (values.size - 1) // 2
+    share = 0.5 * (values[1 : count + 1] - values[count + 1 :])
+    std = float(np.sqrt(share @ share)) if np.isfinite(values).all() else np.nan
+    return Estimate.student(float(values[0]), std, freedom)
+
+
+_REACH, _LAGS, _DEGREE = 0.25, 11, 5  # of the lag around the top [rad], points there, polynomial through them
+_FINE = 2001
+_BEYOND = 0.05  # of the swept range: how far outside it a peak is sought
+
+
+def _numbers_around(fit: ResponseFit, part: int) -> Array:
+    """Return numbers of one group at the fit and around it, as `_around` has them, shape (2m + 1, l)."""
+    count = fit.layout.mechanics
+    matrix = fit.covariance.matrix[:count, :count]
+    if not np.isfinite(matrix).all():
+        raise SpecError("a number of this fit is not determined at all; its peak has no interval, fit a smaller model")
+    lanes, rest = _around(fit.solution.values[:count], matrix), fit.solution.values[count:]
+    return np.stack([fit.layout.numbers(np.concatenate([lane, rest]), part) for lane in lanes])
+
+
+def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, part: int = 0) -> LevelPeak:
+    """Return resonance frequency and gain of a fitted response to a drive of one amplitude at all frequencies.
+
+    input_amplitude: in the unit of the input; None for the median of the group's points; a linear joint does not feel
+    it. part: index of the group. The peak is sought within the swept range and a twentieth of it beyond; the response
+    is read along its lag, against which even a folded peak is single. Standard deviations to first order (delta method)
+    from the fit's covariance.
+    """
+    points, scales = fit.points[part], fit.layout.layout.parts[part].scales
+    amplitude = float(np.median(points.input_amplitude)) if input_amplitude is None else float(input_amplitude)
+    around, laws = _numbers_around(fit, part), fit.layout.laws(part)
+    drive = drive_of(points, scales, amplitude)
+    hertz = scales.omega / (2 * np.pi)
+    margin = _BEYOND * float(np.ptp(points.frequency_hz))
+    low = max(float(points.frequency_hz[0]) - margin, 0.02 * hertz)
+    high = float(points.frequency_hz[-1]) + margin
+    top, inside = top_of_sweep(around[0], laws, drive, low / hertz, high / hertz)
+    if not inside:
+        reason = "the response is largest at the edge of the sweep; extend the sweep beyond it"
+        return LevelPeak(amplitude, reason=reason)
+    lag = lag_of(top, laws, drive)
+    lags = np.r_[lag + np.linspace(-_REACH, _REACH, _LAGS), 0.5 * np.pi]
+    lanes = around.shape[0]
+    numbers = np.repeat(around, lags.size, axis=0)
+    omega, motion, found = lagging(numbers, np.tile(lags, lanes), laws, drive, top)
+    first = motion[:, laws.orders == 1][:, 0]
+    gain = np.abs(_output(fit, scales, numbers, omega, first, amplitude)) / amplitude
+    shape = (lanes, lags.size)
+    omega, gain, found = omega.reshape(shape), gain.reshape(shape), found.reshape(shape)
+    if not found[:, :-1].all():
+        return LevelPeak(amplitude, reason="the balance was not found around the top of the response")
+    frequency, largest = _tops(lags[:-1] - lag, hertz * omega[:, :-1], gain[:, :-1])
+    freedom = fit.covariance.degrees_of_freedom
+    crossed = found[:, -1].all() and fit.frame == "relative"
+    return LevelPeak(
+        amplitude,
+        _spread_of(frequency, freedom),
+        _spread_of(largest, freedom),
+        _spread_of(hertz * omega[:, -1], freedom) if crossed else _UNKNOWN,
+    )
+
+
+def response_curve(fit: ResponseFit, part: int = 0) -> tuple[Array, Complexes]:
+    """Return frequencies [Hz] and fitted response of one group along its curve, through its folds, shape (n,) each.
+
+    What turn and background the measuring chain adds is in it, as in the points.
+    """
+    points, scales = fit.points[part], fit.layout.layout.parts[part].scales
+    amplitude, laws = float(np.median(points.input_amplitude)), fit.layout.laws(part)
+    numbers, (turn, background) = fit.layout.numbers(fit.solution.values, part), fit.layout.added(fit.solution.values)
+    hertz = scales.omega / (2 * np.pi)
+    low, high = points.frequency_hz[[0, -1]] / hertz
+    found = swept(numbers, laws, drive_of(points, scales, amplitude), float(low), float(high))
+    lanes = np.broadcast_to(numbers, (len(found), numbers.size))
+    moving = _output(fit, scales, lanes, found[:, -1], fundamentals(found, laws), amplitude)
+    return hertz * found[:, -1], np.asarray(moving / amplitude * turn + background)
+
+
+def _output(
+    fit: ResponseFit,
+    scales: Scales,
+    numbers: Array,
+    omega: Array,
+    fundamental: Complexes,
+    amplitude: float,
+) -> Complexes:
+    """Return the output's fundamental, in its unit."""
+    points = fit.points[0]
+    moving = fundamental * scales.amplitude
+    turn = 1j * omega * scales.omega
+    if fit.frame == "absolute":
+        carried = turn ** (-derivative_order(points.input_unit)) * amplitude
+        moving = moving + numbers[:, -1] * scales.physical("gain") * carried
+    return np.asarray(moving * turn ** derivative_order(points.output_unit))
+
+
+def _tops(lag: Array, frequency: Array, gain: Array) -> tuple[Array, Array]:
+    """Return frequency and gain of the top of each lane, shape (l,), through polynomials of the lag."""
+    s = lag / _REACH
+    fine = np.linspace(-1.0, 1.0, _FINE)
+    curves = np.polynomial.polynomial.polyfit(s, np.log(gain).T, _DEGREE)
+    tops = np.argmax(np.polynomial.polynomial.polyval(fine, curves), axis=1)
+    places = np.polynomial.polynomial.polyfit(s, frequency.T, _DEGREE)
+    at, largest = np.empty(tops.size), np.empty(tops.size)
+    for row, top in enumerate(tops):
+        series = np.polynomial.Polynomial(curves[:, row])
+        where = fine[top]
+        for _ in range(3):
+            bend = float(series.deriv(2)(where))
+            where = float(np.clip(where - series.deriv()(where) / bend, -1.0, 1.0)) if bend < 0 else where
+        at[row] = np.polynomial.Polynomial(places[:, row])(where)
+        largest[row] = np.exp(series(where))
+    return at, largest

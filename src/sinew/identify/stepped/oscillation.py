@@ -26,8 +26,7 @@ from sinew.solve.programs import configure
 from sinew.solve.steady import at_frequency, steady
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
-_FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12
-_STORAGE_ROUNDS = 4
+_FREE_STEPS = 40
 _LONGEST_STEP, _CLOSE, _SETTLED = 0.3, 1e-4, 1e-9  # of a motion's size: steps of Newton's method, longest and last
 
 
@@ -256,46 +255,3 @@ def lagging(numbers: Array, lag: Array, laws: Laws, drive: Drive, near: Array) -
     done = steady(start, row, np.zeros(lag.size), lane, equations, size)
     along = (fundamentals(done.x, laws) * np.conj(ray)).real
     return done.x[:, -1], phasors(done.x, equations, size.harmonics, 0), done.found & (along > 0) & (done.x[:, -1] > 0)
-
-
-def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
-    """Return the frequency, in ω_r, at which the joint swings freely without losses at given amplitudes, shape (n,).
-
-    numbers: shape (n, l). amplitude: |r₁|, in A, shape (n,). NaN where there is no such oscillation. The stiffness of a
-    loss factor is its storage part at the frequency that is found.
-    """
-    configure()
-    lossless = laws._replace(law=laws.law.springs, natural=1.0)
-    kept = {number.name for number in lossless.law.numbers}
-    bare = np.stack([numbers[:, laws.names.index(name)] * (name in kept) for name in lossless.names], axis=1)
-    omega = np.sqrt(np.maximum(bare[:, 0], 1e-12))
-    given = {name: jnp.asarray(column) for name, column in zip(laws.names, numbers.T, strict=True)}
-    given["relaxation"] = jnp.tile(laws.natural * np.array(_TIMES), (len(numbers), 1))
-    for _ in range(_STORAGE_ROUNDS if laws.law.has(LossFactor) else 1):
-        if laws.law.has(LossFactor):
-            bare[:, 0] = jax.vmap(LossFactor.storage)(given, jnp.asarray(np.nan_to_num(omega, nan=1.0)))
-        omega = _swing(bare, amplitude, omega, lossless)
-    return omega
-
-
-def _swing(numbers: Array, amplitude: Array, omega: Array, laws: Laws) -> Array:
-    """Return the frequencies of lossless oscillations; unknown are mean, frequency and the higher cosines."""
-    equations, size = laws.equations, laws.size
-    h = laws.orders
-    lane = _lane(numbers, Drive(0.0, 0), laws, np.ones(omega.size))
-    x = _written(amplitude[:, None] * (h == 1) + 0j, omega, laws)
-    cosines = np.arange(h.size)
-    free = np.append(cosines[h != 1], x.shape[1] - 1)
-    done = np.zeros(omega.size, dtype=bool)
-    for _ in range(_FREE_STEPS):
-        seen = evaluate(x, lane, equations, size)
-        left = seen.left[:, cosines]
-        done = np.linalg.norm(left, axis=1) <= _FREE_TOLERANCE * amplitude * numbers[:, 0]
-        if done.all():
-            break
-        matrix = seen.slope[:, cosines][:, :, free]
-        matrix[done] = np.eye(h.size)
-        step = np.nan_to_num(np.linalg.solve(matrix, left[:, :, None])[:, :, 0])
-        step[:, -1] = np.clip(step[:, -1], -0.3 * x[:, -1], 0.3 * x[:, -1])
-        x[:, free] -= np.where(done[:, None], 0.0, step)
-    return np.where(done & (x[:, -1] > 0), x[:, -1], np.nan)

@@ -6,8 +6,12 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
+from sinew.analysis.signal.least_squares import unit_columns
 from sinew.analysis.sweep.response import Response
+from sinew.identify.oscillator.least_squares import long_run
+from sinew.identify.oscillator.model import SIGNIFICANT, Trends, rank_trend
 from sinew.identify.oscillator.record import Excitation, Record, derivative_order, input_derivative
 from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
@@ -269,3 +273,150 @@ def points_of_response(response: Response, *, excitation: Excitation = "lever") 
     if not found:
         raise RecordingError("no steady point has a measured drive; record the lever's angle, or fit in time instead")
     return tuple(found)
+
+
+# The scatter of single points borrows strength from that of all, and residuals are asked whether it alone explains
+# them.
+
+_LEAST = 1e-12
+
+
+def squeeze_scatter(points: ResponsePoints) -> ResponsePoints:
+    """Return the points with variances drawn towards their common one, as far as chance explains that they differ.
+
+    A variance from few sidebands or repeats is itself uncertain, and points that came out quiet by chance would get
+    too much weight. The variances of the output's fundamental are taken for draws about one value with a spread of its
+    own, which the spread of their logarithms tells (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004); each becomes the
+    mean of its own and the common one, weighted with degrees of freedom. Known scatter (infinite `scatter_freedom`),
+    and fewer than four points, stay as they are.
+    """
+    own = points.scatter_freedom
+    if not np.isfinite(own) or points.size < 4:
+        return points
+    variance = 0.5 * np.trace(points.covariance, axis1=1, axis2=2) * points.input_amplitude**2
+    half = 0.5 * own
+    logarithm = np.log(variance) - special.digamma(half) + np.log(half)
+    extra = float(logarithm.var(ddof=1) - special.polygamma(1, half))
+    if extra > _LEAST:
+        common = 2.0 * _inverse_trigamma(extra)
+        middle = float(np.exp(logarithm.mean() + special.digamma(0.5 * common) - np.log(0.5 * common)))
+        weight, freedom = common / (common + own), common + own
+    else:
+        middle, weight, freedom = float(np.exp(logarithm.mean())), 1.0, own * points.size
+    shared = (middle / points.input_amplitude**2)[:, None, None] * np.eye(2)
+    covariance = (1.0 - weight) * points.covariance + weight * shared
+    return replace(points, covariance=covariance, scatter_freedom=float(freedom))
+
+
+def _inverse_trigamma(value: float) -> float:
+    if value > 1e7:
+        return float(1.0 / np.sqrt(value))
+    if value < 1e-6:
+        return 1.0 / value
+    x = 0.5 + 1.0 / value
+    for _ in range(50):
+        slope = float(special.polygamma(1, x))
+        step = slope * (1.0 - slope / value) / float(special.polygamma(2, x))
+        x += step
+        if -step < 1e-8 * x:
+            break
+    return x
+
+
+@dataclass(frozen=True)
+class ResponseTests:
+    """What the residuals of the points look like.
+
+    misfit: root mean square of the residuals in stated standard deviations, near 1 where model and scatter are right.
+    chi_square_p: of the sum of squares by the stated scatter; NaN where that is itself known by too few repeats.
+    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies. trends: with the motion's.
+    """
+
+    misfit: float
+    chi_square_p: float
+    neighbours_p: float
+    neighbours: float
+    trends: Trends
+
+    def sentences(self) -> tuple[str, ...]:
+        """Return what speaks against the model, in words; none where nothing does."""
+        found = []
+        if self.chi_square_p < SIGNIFICANT:
+            found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
+        if self.neighbours_p < SIGNIFICANT:
+            found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
+        return (*found, *self.trends.sentences())
+
+
+def ask_points(
+    points: Sequence[ResponsePoints], residuals: Sequence[Complexes], motion: Sequence[Array], parameters: int
+) -> ResponseTests:
+    """Return the tests of the residuals of all groups.
+
+    residuals: measured less predicted, in the unit of the response. motion: amplitude of the motion, shape (n,) each.
+    parameters: how many were fitted.
+    """
+    whitened = [whiten(one, r) for one, r in zip(points, residuals, strict=True)]
+    squares = [np.sum(w**2, axis=1) for w in whitened]
+    count = 2 * sum(one.size for one in points)
+    total = float(sum(s.sum() for s in squares))
+    freedom = max(count - parameters, 1)
+    # Over a scatter that was estimated with ν degrees of freedom each square is Hotelling's, 2ν/(ν-1) F(2, ν-1);
+    # their sum is taken for a gamma variate of the same mean and variance.
+    mean, variance = _hotelling(min(one.scatter_freedom for one in points))
+    scale = freedom / count
+    p = np.nan
+    if np.isfinite(variance):
+        n = 0.5 * count
+        p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
+    neighbours, pairs = _neighbours(whitened)
+    size = np.sqrt(np.concatenate(squares))
+    frequency = np.concatenate([one.frequency_hz for one in points])
+    return ResponseTests(
+        float(np.sqrt(total / freedom)),
+        p,
+        float(2 * special.ndtr(-abs(neighbours) * np.sqrt(pairs))) if pairs else np.nan,
+        neighbours,
+        Trends(rank_trend(np.concatenate(list(motion)), size), rank_trend(frequency, size)),
+    )
+
+
+def whiten(points: ResponsePoints, residual: Complexes) -> Array:
+    """Return residuals as uncorrelated pairs of unit variance by the stated scatter, shape (n, 2)."""
+    root = np.linalg.cholesky(points.covariance)
+    pair = np.stack([residual.real, residual.imag], axis=1)
+    return np.asarray(np.linalg.solve(root, pair[:, :, None])[:, :, 0])
+
+
+def _hotelling(freedom: float) -> tuple[float, float]:
+    """Return mean and variance of the square of a whitened pair."""
+    if not np.isfinite(freedom):
+        return 2.0, 4.0
+    second = freedom - 1.0
+    if second <= 4:
+        return 2.0, np.inf
+    factor = 2.0 * freedom / second
+    mean = factor * second / (second - 2)
+    return mean, factor**2 * 2 * second**2 * second / (2 * (second - 2) ** 2 * (second - 4))
+
+
+def _neighbours(whitened: Sequence[Array]) -> tuple[float, int]:
+    """Return the correlation of neighbouring pairs and how many products are in it."""
+    above = sum(float(np.sum(w[1:] * w[:-1])) for w in whitened)
+    below = sum(float(np.sum(w**2)) for w in whitened)
+    pairs = sum(2 * max(w.shape[0] - 1, 0) for w in whitened)
+    return (above / below if below > 0 else 0.0), pairs
+
+
+def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return (classical, robust, lengths): covariances (m, m) of coefficients over `lengths`, of the columns (m,).
+
+    rows, residual: weighted, two for each point, (2n, m) and (2n,). sizes: of the groups. The robust one is that of the
+    scores of points, which go together over a sixth of their group.
+    """
+    n, m = rows.shape
+    (scaled, lengths), freedom = unit_columns(rows), max(n - m, 1)
+    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
+    summed = sum(long_run(own, own.shape[0] // 6) for own in np.split(scores, np.cumsum(sizes)[:-1]))
+    return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths

@@ -1,34 +1,26 @@
-"""Tables of others: columns that become a recording, and a recording that becomes columns.
+"""Columns of somebody's table, over a stretch of time.
 
-Import: the columns of time, response and drive are named by specifications "COL" or "COL:unit" (see
-`find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
-"x [mm]"), else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else
-`response` (`drive`) in SI units. An angular rate stays a rate, `response` in rad/s: where the sensor sat and what its
-other axes read is not known, so it is not passed off as the gyroscope of the schema. Its frequency and damping are
-those of the angle.
-
-Export: one flat table, a row for each sample, every channel with its unit in its name. `import_csv` reads it.
+Columns are named by specifications "COL" or "COL:unit" (see `find_columns`). Without a unit, the one in the column's
+own name counts ("angle_deg", "x [mm]"), else 1, and seconds for time.
 """
 
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Mask
-from sinew.measure.doors import as_path, as_seconds
-from sinew.measure.errors import RecordingError, SpecError, UnitError
+from sinew.measure.errors import FileError, RecordingError, SpecError, TimeError, UnitError
 from sinew.measure.files.formats import open_file
-from sinew.measure.files.netcdf import provenance
 from sinew.measure.files.runs import (
     Opened,
     Run,
@@ -41,10 +33,10 @@ from sinew.measure.files.runs import (
     with_restarts,
 )
 from sinew.measure.files.text import STAMP
-from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import IMPORT_SEGMENTS, ReadKind
+from sinew.measure.recording import IMPORT_SEGMENTS, ReadKind
 from sinew.measure.timing import Gaps, Timeline, choose_stretch, refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name
+from sinew.measure.validation import as_path, as_seconds
 
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
 Table: TypeAlias = "pd.DataFrame"
@@ -159,12 +151,14 @@ def _missing(name: str, present: Sequence[str]) -> str:
     return f"no column {name!r}{f', did you mean {meant!r}?' if meant else ';'} columns found: {_listed(present)}"
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+def _listed(names: Iterable[object]) -> str:
+    words = list(map(str, names))
+    more = f" and {len(words) - _LISTED} more" if len(words) > _LISTED else ""
+    return (", ".join(words[:_LISTED]) + more) or "none"
 
 
 def _shown(table: Table) -> str:
-    return _listed([str(name) for name in table.columns])
+    return _listed(table.columns)
 
 
 def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.float64]:
@@ -432,95 +426,228 @@ def _check_rate(rate_hz: float, time_s: Array, time: str) -> None:
         )
 
 
-# A stretch becomes a recording.
-
-_RATE_NOTE = (
-    "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
-    "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
-)
-
-
-def import_csv(
-    path: "Path | str | Table",
-    *,
-    time: str | None = None,
-    response: str | None = None,
-    drive: str | None = None,
-    kind: ReadKind = "ring-down",
-    start_s: float | None = None,
-    stop_s: float | None = None,
-    gaps: Gaps = "refuse",
-    run: RunChoice = None,
-    columns: ColumnNames = None,
-    rate_hz: float | None = None,
-    pretension_mm: float = 0.0,
-) -> xr.Dataset:
-    """Return somebody's file, or a DataFrame, as a recording.
-
-    path: of the file (see `read_table`); or a pandas DataFrame, whose column of the time may hold dates or durations.
-    time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns). A time that is the
-    only one by its name, and a response that is the only other column of numbers, need not be named.
-    kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
-        broadband record (chirp, noise, multisine) and one of hammer blows (impact) one that it takes whole; auto leaves
-        the kind to analysis. Frequency and amplitude of the drive are not known and NaN.
-    start_s, stop_s: the part to take, in the file's own time [s].
-    gaps: refuse a record with missing samples, split it into segments there, or bridge them in a ring-down: its times
-        are uneven then, which a fit in the time domain bears up to half a period. Unless they are refused, empty cells
-        count as missing samples.
-    run: which of several, by number from 1 or name. columns: names for all columns instead of the file's.
-    rate_hz: samples per second, where no column holds the time.
-    pretension_mm: written into every segment [mm].
-    What was found and done is text in the attribute `import_notes`; `import_gaps` is "bridge" where gaps were bridged.
-    Raises FileError, SpecError, RecordingError, TimeError or UnitError with one sentence.
-    """
-    if not (math.isfinite(pretension_mm) and pretension_mm >= 0):
-        raise RecordingError(
-            f"found pretension_mm = {pretension_mm:g}, expected 0 or more: it counts from first contact"
-        )
-    if kind not in IMPORT_SEGMENTS:
-        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
-    if gaps == "bridge":
-        refuse_bridge(kind)
-    roles = {"response": response} | ({"drive": drive} if drive else {})
-    found = read_stretch(
-        path,
-        roles,
-        time=time,
-        rate_hz=rate_hz,
-        run=run,
-        columns=columns,
-        start_s=start_s,
-        stop_s=stop_s,
-        gaps=gaps,
-    )
-    timeline = found.timeline
-    names = {"response": "torsion_rad", "drive": "drive_rad"}
-    called = {role: names[role] if found.units[role] == "rad" else role for role in roles}
-    samples = {"time_s": timeline.time_s} | {called[role]: values for role, values in found.values.items()}
-    notes = [*found.notes, *(f"time: {note}" for note in timeline.notes)]
-    notes += [_RATE_NOTE.format(role=role) for role, unit in found.units.items() if unit == "rad/s"]
-    kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
-    segment = Segment(IMPORT_SEGMENTS[kind], float(pretension_mm), math.nan, math.nan, 0)
-    recording = build_recording(
-        {name: values[kept] for name, values in samples.items()},
-        [segment] * len(timeline.pieces),
-        [piece.stop - piece.start for piece in timeline.pieces],
-        provenance(
-            "import",
-            import_file="" if isinstance(path, pd.DataFrame) else as_path(path).name,
-            import_time=found.specs["time"],
-            import_response=found.specs["response"],
-            import_drive=drive or "",
-            import_notes="\n".join(notes),
-        ),
-        {called[role]: unit for role, unit in found.units.items()},
-    )
-    if gaps == "bridge" and timeline.diagnosis.gaps:
-        recording = recording.assign_attrs(import_gaps="bridge")
-    return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
-
-
 def refuse_bridge(kind: ReadKind) -> None:
     """Raise RecordingError where a record of a kind whose analysis needs even samples is bridged over its gaps."""
     if IMPORT_SEGMENTS[kind] != "ring-down":
         raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
+
+
+# A walking person's sensors or markers.
+
+
+_KINDS = {"gyr": "gyr|gyro|gyroscope|omega|angular_?velocity", "acc": "acc|accel|acceleration|accelerometer"}
+_SENSOR = re.compile(
+    rf"(?:(?P<stem>.*?)[ _.-])?(?:(?P<gyr>{_KINDS['gyr']})|(?P<acc>{_KINDS['acc']}))[ _.-]?(?P<axis>[xyz])(?![a-z])",
+    re.IGNORECASE,
+)
+_MARKER = re.compile(r"(?P<stem>.+)[ _.-](?P<axis>[xyz])(?![a-z0-9])", re.IGNORECASE)
+_USUAL = {
+    "pelvis": ("pelvis", "hip", "hips", "sacrum", "waist", "lower_back", "LASI,RASI", "LASIS,RASIS", "LPSI,RPSI"),
+    "trunk": ("trunk", "torso", "chest", "thorax", "sternum", "upper_back", "LSHO,RSHO", "LACR,RACR"),
+}
+_LOWEST_RATE_HZ, _BRIDGED_S = 20.0, 0.1
+_REST_M_S2 = (7.0, 14.0)
+_FAST_RAD_S = 6.0
+
+
+class Imu(NamedTuple):
+    """An inertial sensor on one part of the body, in its own axes: rad/s and m/s², shape (n, 3) each."""
+
+    gyro: Array
+    acceleration: Array
+
+
+class MarkerPair(NamedTuple):
+    """A left and a right marker on one part of the body, the third axis up: m, shape (n, 3) each."""
+
+    left: Array
+    right: Array
+
+
+@dataclass(frozen=True)
+class WalkColumns:
+    """What to read in a file; what is None is found by its usual name.
+
+    time: "COL" or "COL:unit". bodies: "pelvis" and "trunk" to the name of a sensor, or of two markers "LEFT,RIGHT".
+    yaw: "COL" or "COL:unit", an angle between trunk and pelvis that others have computed; then no bodies are read.
+    up: the markers' upward axis. gyro_unit, acceleration_unit: where the columns' names do not tell.
+    """
+
+    time: str | None = None
+    bodies: Mapping[str, str] = field(default_factory=dict)
+    yaw: str | None = None
+    up: str = "z"
+    gyro_unit: str | None = None
+    acceleration_unit: str | None = None
+
+
+@dataclass(frozen=True)
+class WalkRecord:
+    """A walking person's record on an even clock: time_s of shape (n,), the parts of the body by role.
+
+    names: of the sensors or markers, by role. yaw: [rad], shape (n,), where it was read instead. notes: sentences.
+    """
+
+    time_s: Array
+    bodies: Mapping[str, Imu | MarkerPair]
+    names: Mapping[str, str]
+    yaw: Array | None
+    notes: tuple[str, ...]
+
+
+def read_walk(
+    path: Path, columns: WalkColumns | None = None, *, start_s: float | None = None, stop_s: float | None = None
+) -> WalkRecord:
+    """Return the record of a walking person, the longest stretch without missing values between start and stop.
+
+    start_s, stop_s: in the file's own time [s]. Holes of up to 0.1 s are bridged by straight lines.
+    Raises FileError for a file that is no table, SpecError, RecordingError, TimeError or UnitError with one sentence.
+    """
+    asked = columns or WalkColumns()
+    table = _read_arrays(path) if path.suffix.lower() == ".npz" else read_table(path)
+    specs, names = _channels(table, asked)
+    times = time_columns(table) if asked.time is None else find_columns(table, asked.time)[0]
+    taken = [name for spec, _ in specs.values() for name in find_columns(table, spec)[0]]
+    found = read_stretch(
+        table[[*times, *taken]],
+        {role: spec for role, (spec, _) in specs.items()},
+        time=asked.time,
+        start_s=start_s,
+        stop_s=stop_s,
+        gaps="bridge",
+    )
+    for role, (_, si) in specs.items():
+        convert(found.said[role], si)  # raises where the unit is of another kind
+    time, step = found.timeline.time_s, found.timeline.diagnosis.step_s
+    parts = np.split(np.arange(time.size), np.flatnonzero(np.diff(time) > max(_BRIDGED_S, 1.5 * step)) + 1)
+    longest = max(parts, key=lambda part: time[part[-1]] - time[part[0]])
+    if not 1.0 / step >= _LOWEST_RATE_HZ:
+        raise TimeError(f"found {1 / step:.3g} samples per second, expected at least {_LOWEST_RATE_HZ:g} for a gait")
+    time = time[longest]
+    count = 1 + round(float(time[-1] - time[0]) / step)
+    even = time[0] + (time[-1] - time[0]) / (count - 1) * np.arange(count)
+    notes = [f"read {even[0]:.5g} to {even[-1]:.5g} s at {1 / step:.4g} Hz"]
+    if holes := count - time.size:
+        notes.append(f"{holes} samples with missing values were bridged by straight lines (holes of at most 0.1 s)")
+    if len(parts) > 1:
+        notes.append(f"values are missing; taken is the longest of {len(parts)} whole stretches")
+    signals = {role: np.interp(even, time, values[longest]) for role, values in found.values.items()}
+    bodies = {role: _body(role, signals, name) for role, name in names.items()}
+    return WalkRecord(even, bodies, names, signals.get("yaw"), tuple(notes))
+
+
+def _read_arrays(path: Path) -> Table:
+    """Return the arrays of an npz file as a table; (n, 3) becomes three columns, arrays of other lengths are left."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise FileError(f"cannot read {path}: {error}; expected an npz file of plain arrays") from error
+    numeric = {name: a for name, a in arrays.items() if a.ndim in (1, 2) and a.dtype.kind in "fiu"}
+    lengths = [a.shape[0] for a in numeric.values()]
+    if not lengths:
+        raise FileError(f"{path} holds no arrays of numbers; expected t of shape (n,) and NAME_gyr of shape (n, 3)")
+    usual = max(lengths, key=lengths.count)
+    found: dict[str, Array] = {}
+    for name, array in numeric.items():
+        if array.shape[0] == usual and array.ndim == 1:
+            found[name] = array
+        elif array.shape == (usual, 3):
+            found |= {f"{name}_{axis}": array[:, i] for i, axis in enumerate("xyz")}
+    return pd.DataFrame(found)
+
+
+def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, tuple[str, str]], dict[str, str]]:
+    """Return (columns with their unit, and the SI unit, by "role/kind/axis"; names of the bodies by role)."""
+    if asked.yaw is not None:
+        return {"yaw": (asked.yaw, "rad")}, {}
+    sensors, markers = _sensors(table), _markers(table)
+    names = {role: asked.bodies.get(role) or _usual(role, sensors, markers) for role in _USUAL}
+    if not asked.bodies and not any(names.values()) and len(sensors) == 1:
+        names["pelvis"] = next(iter(sensors))
+    chosen = {role: name for role, name in names.items() if name is not None}
+    if not chosen:
+        raise RecordingError(
+            f"no pelvis or trunk by a usual name; found the sensors {_listed(sensors)} and the "
+            f"markers {_listed(markers)}; say --pelvis NAME, --trunk NAME, or LEFT,RIGHT for a pair of markers"
+        )
+    units = {"gyr": (asked.gyro_unit, "rad/s"), "acc": (asked.acceleration_unit, "m/s2")}
+    found: dict[str, tuple[str, str]] = {}
+    for role, name in chosen.items():
+        columns = _marker_columns(name, markers, asked.up) if "," in name else _sensor_columns(name, sensors)
+        for kind, column in columns.items():
+            stated, si = units.get(kind[:3], (None, "m"))
+            found[f"{role}/{kind}"] = f"{column}:{stated or unit_in_name(column) or si}", si
+    return found, chosen
+
+
+def _sensors(table: Table) -> dict[str, dict[str, str]]:
+    """Return the columns "gyr/x" ... "acc/z" of each inertial sensor that is whole, by its name."""
+    found: dict[str, dict[str, str]] = {}
+    for column in map(str, table.columns):
+        match = _SENSOR.match(column)
+        if match:
+            kind = "gyr" if match["gyr"] else "acc"
+            found.setdefault(match["stem"] or "sensor", {})[f"{kind}/{match['axis'].lower()}"] = column
+    return {stem: columns for stem, columns in found.items() if len(columns) == 6}
+
+
+def _markers(table: Table) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for column in map(str, table.columns):
+        match = _MARKER.match(column)
+        if match and not _SENSOR.match(column):
+            found.setdefault(match["stem"], {})[match["axis"].lower()] = column
+    return {stem: columns for stem, columns in found.items() if len(columns) == 3}
+
+
+def _usual(role: str, sensors: Mapping[str, object], markers: Mapping[str, object]) -> str | None:
+    lower = {name.lower(): name for name in (*sensors, *markers)}
+    for name in _USUAL[role]:
+        parts = [lower.get(part.lower()) for part in name.split(",")]
+        if None not in parts and (len(parts) > 1 or parts[0] in sensors):
+            return ",".join(part for part in parts if part is not None)
+    return None
+
+
+def _sensor_columns(name: str, sensors: Mapping[str, Mapping[str, str]]) -> Mapping[str, str]:
+    if name not in sensors:
+        raise RecordingError(
+            f"no sensor {name!r} with gyroscope and accelerometer; columns {name}_gyr_x, {name}_acc_x and so on are "
+            f"expected, and these are whole: {_listed(sensors)}; a pair of markers is LEFT,RIGHT"
+        )
+    return sensors[name]
+
+
+def _marker_columns(name: str, markers: Mapping[str, Mapping[str, str]], up: str) -> dict[str, str]:
+    pair = [part.strip() for part in name.split(",")]
+    missing = [part for part in pair if part not in markers]
+    if len(pair) != 2 or missing:
+        wrong = f"no marker {missing[0]!r}" if missing else f"found {len(pair)} markers in {name!r}"
+        raise RecordingError(f"{wrong}; expected two, LEFT,RIGHT, out of {_listed(markers)}")
+    axes = dict(zip("xyz", {"z": "xyz", "y": "zxy", "x": "yzx"}[up], strict=True))
+    sides = zip(("left", "right"), pair, strict=True)
+    return {f"{side}/{axis}": markers[part][source] for side, part in sides for axis, source in axes.items()}
+
+
+def _body(role: str, signals: Mapping[str, Array], name: str) -> Imu | MarkerPair:
+    """Return the signals of one part of the body. Raises RecordingError where a unit was not as it was taken to be."""
+
+    def triple(kind: str) -> Array:
+        return np.ascontiguousarray(np.column_stack([signals[f"{role}/{kind}/{axis}"] for axis in "xyz"]))
+
+    if "," in name:
+        return MarkerPair(triple("left"), triple("right"))
+    one = Imu(triple("gyr"), triple("acc"))
+    turning, gravity = (float(np.median(np.linalg.norm(values, axis=1))) for values in one)
+    if turning > _FAST_RAD_S:
+        raise RecordingError(
+            f"the gyroscope {name!r} reads {turning:.3g} rad/s in the median, faster than a body turns in walking; "
+            "name its unit with --gyro-unit (deg/s)"
+        )
+    if not _REST_M_S2[0] < gravity < _REST_M_S2[1]:
+        raise RecordingError(
+            f"the accelerometer {name!r} reads {gravity:.3g} m/s² in the median, expected about 9.81; "
+            "name its unit with --acc-unit (g_0 for multiples of gravity)"
+        )
+    return one

@@ -1,4 +1,4 @@
-"""Binary files of other programs: MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet and MCAP, each through its own library.
+"""Files of other programs, read and written: MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet and MCAP, each by its library.
 
 A file is told by its first bytes, never by its name. What it holds becomes runs of columns, as a text's does.
 """
@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
+import xarray as xr
 from numpy.typing import NDArray
+from scipy.io import loadmat, savemat
 
-from sinew.measure.doors import most_bytes
-from sinew.measure.errors import FileError, SinewError, how_to_install
+from sinew.measure.arrays import Array
+from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
 from sinew.measure.files.runs import (
     MADE_TIME,
     Column,
@@ -32,6 +34,9 @@ from sinew.measure.files.runs import (
     time_columns,
 )
 from sinew.measure.files.text import open_text, table_of_cells
+from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
+from sinew.measure.units import unit_suffix
+from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
 _RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratehz|fshz", re.I)
@@ -56,11 +61,7 @@ def open_file(path: Path, width: int | None = None) -> Opened:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
     for sign, opener in _OPENERS:
         if sign(head):
-            if (size := path.stat().st_size) > (most := most_bytes() // 2):
-                raise FileError(
-                    f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB in the memory there is; cut "
-                    "it, or read it on a computer with more"
-                )
+            refuse_beyond_memory(path, 2 * path.stat().st_size)
             return opener(path)
     return open_text(path, width)
 
@@ -97,8 +98,6 @@ def _reading(path: Path, what: str) -> Iterator[None]:
 
 
 def _open_mat(path: Path) -> Opened:
-    from scipy.io import loadmat
-
     with _reading(path, "MAT, a file of MATLAB"):
         held = loadmat(path, simplify_cells=True)
     return _opened(path, "MATLAB 5", _arrays({key: value for key, value in held.items() if not key.startswith("__")}))
@@ -368,3 +367,185 @@ _OPENERS: tuple[tuple[Callable[[bytes], object], Callable[[Path], Opened]], ...]
         partial(_refuse, "a bag of ROS 1", "turn it into MCAP with `mcap convert`"),
     ),
 )
+
+
+# Written for other programs: what stands here reads it back.
+
+
+_AXES = "xyz"
+_SAMPLES = "/sinew/samples"
+
+
+def export_recording(recording: xr.Dataset, path: Path | str, to: str) -> None:
+    """Write a recording for other programs, atomically.
+
+    to: csv or parquet, one flat table: a row for each sample, the properties of segments repeated in each, a column for
+    each part of a channel (`gyro_x_rad_s`, `tendon_1_current_a`), numbers so that they read back unchanged. mat, for
+    MATLAB 5: a variable for each channel by its name in the schema, a row for each sample; `segments`, a struct with a
+    column for each property and the numbers of their first and last sample, counted from 1; `units`, a struct from name
+    to unit; and `attributes`, the provenance as text. uff, a universal file with a data set 58 for every channel of
+    every segment, twelve digits over six digits of the time since the segment's begin; mcap, for Foxglove and
+    PlotJuggler: a message for every sample, at its time in the recording, from its first sample on where that lies
+    before zero.
+    Raises SchemaError where it is not a recording, SpecError for another format, FileError where the file cannot be
+    written or its library is missing.
+
+    >>> import tempfile, pandas as pd
+    >>> import sinew as sn
+    >>> recording = sn.read(pd.DataFrame({"t": range(50), "x": [0.0, 1.0] * 25}), time="t", response="x")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sn.export_recording(recording, f"{folder}/mine.csv", "csv")
+    """
+    if to not in EXPORTS:
+        raise SpecError(f"format is {to!r}, expected one of {', '.join(EXPORTS)}")
+    EXPORTS[to](validate_recording(recording), as_path(path))
+
+
+def _export_csv(recording: xr.Dataset, path: Path) -> None:
+    frame = flat_table(recording)
+    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False))
+
+
+def flat_table(recording: xr.Dataset) -> pd.DataFrame:
+    """Return a recording as one table: a row for each sample, a column for each channel and property of segments."""
+    sizes = recording["row_size"].values
+    columns: dict[str, object] = {
+        "time_s": recording["time_s"].values,
+        "segment": np.repeat(np.arange(sizes.size), sizes),
+    }
+    for name, row in SEGMENT_VARIABLES.items():
+        if name not in recording:
+            continue
+        if not row.unit:
+            columns[name] = pd.Categorical(recording[name].values.astype(str)).repeat(sizes)
+        elif name != "row_size":
+            columns[name] = np.repeat(recording[name].values, sizes)
+    for name in SAMPLE_VARIABLES:
+        if name in recording and name not in columns:
+            columns |= _channel_columns(name, recording[name])
+    return pd.DataFrame(columns)
+
+
+def _channel_columns(name: str, channel: xr.DataArray) -> dict[str, Array]:
+    """Return the columns of one channel by name, the unit at the end of each name."""
+    if name in ("response", "drive"):
+        unit = str(channel.attrs["units"])
+        suffix = unit_suffix(unit)
+        return {f"{name}_{suffix}" if suffix else name if unit == "1" else f"{name} [{unit}]": channel.values}
+    if channel.ndim == 1:
+        return {name: channel.values}
+    if channel.dims[1] == "quaternion":
+        return {f"{name}_{label}": channel.values[:, i] for i, label in enumerate(("w", *_AXES))}
+    stem, rest = name.split("_", 1)
+    labels = _AXES if channel.dims[1] == "axis" else [str(i + 1) for i in range(channel.shape[1])]
+    return {f"{stem}_{label}_{rest}": channel.values[:, i] for i, label in enumerate(labels)}
+
+
+_LONGEST_NAME = 63
+
+
+def _export_mat(recording: xr.Dataset, path: Path) -> None:
+    channels = [name for name in map(str, recording.data_vars) if name not in SEGMENT_VARIABLES]
+    slices = segment_slices(recording)
+    columns = [name for name in SEGMENT_VARIABLES if name in recording]
+    segments: dict[str, Any] = {name: _matlab_values(recording[name].values) for name in columns}
+    segments["first"] = _matlab_values(np.array([s.start + 1 for s in slices], dtype=float))
+    segments["last"] = _matlab_values(np.array([s.stop for s in slices], dtype=float))
+    units = {name: str(recording[name].attrs.get("units", "")) for name in [*channels, *columns]}
+    content = {
+        **{name: _matlab_values(recording[name].values) for name in channels},
+        "segments": segments,
+        "units": units,
+        "attributes": {_matlab_name(str(key)): str(value) for key, value in recording.attrs.items()},
+    }
+    options: dict[str, Any] = {"appendmat": False, "long_field_names": True, "do_compression": True}
+    write_atomically(path, lambda temporary: savemat(str(temporary), content, **options))
+
+
+def _matlab_values(values: Any) -> Any:
+    """Return what MATLAB should see: a column of doubles for numbers, a column cell array for text."""
+    if values.dtype.kind in "fiub":
+        return np.asarray(values, dtype=float).reshape(len(values), -1)
+    cells = np.empty((len(values), 1), dtype=object)
+    cells[:, 0] = [str(value) for value in values]
+    return cells
+
+
+def _matlab_name(text: str) -> str:
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return (name if name[:1].isalpha() else f"x_{name}")[:_LONGEST_NAME]
+
+
+def _export_parquet(recording: xr.Dataset, path: Path) -> None:
+    fastparquet = library(path, "fastparquet", "fastparquet", "a Parquet file", "writes")
+    frame = flat_table(recording)
+    write_atomically(path, lambda temporary: fastparquet.write(str(temporary), frame, write_index=False))
+
+
+def _export_mcap(recording: xr.Dataset, path: Path) -> None:
+    writer = library(path, "mcap.writer", "mcap", "an MCAP file", "writes")
+    frame = flat_table(recording)
+    earliest = min(0.0, float(frame["time_s"].min()))  # a message has no time before zero
+    properties = {
+        name: {"type": "number" if pd.api.types.is_numeric_dtype(column) else "string"}
+        for name, column in frame.items()
+    }
+    schema = json.dumps({"title": "sinew.Sample", "type": "object", "properties": properties})
+
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as stream:
+            out = writer.Writer(stream)
+            out.start(profile="", library="sinew")
+            number = out.register_schema("sinew.Sample", "jsonschema", schema.encode())
+            channel = out.register_channel(_SAMPLES, "json", number)
+            for stamp, row in zip(frame["time_s"], frame.to_dict("records"), strict=True):
+                at = round((stamp - earliest) * 1e9)
+                known = {name: value for name, value in row.items() if value == value}
+                out.add_message(channel, at, json.dumps(known).encode(), at)
+            out.add_metadata("sinew", {str(key): str(value) for key, value in recording.attrs.items()})
+            out.finish()
+
+    write_atomically(path, write)
+
+
+def _export_uff(recording: xr.Dataset, path: Path) -> None:
+    pyuff = library(path, "pyuff", "pyuff", "a universal file", "writes")
+    frame = flat_table(recording)
+    properties = {"segment", *SEGMENT_VARIABLES}
+    channels = [name for name in frame.columns if name not in properties | {"time_s"}]
+
+    sets = []
+    for segment, rows in frame.groupby("segment", sort=True):
+        for number, name in enumerate(channels):
+            data = {
+                "type": 58,
+                "binary": 0,  # of binary sets the library reads some back wrongly
+                "func_type": 1,  # a time response
+                "ver_num": int(segment) + 1,
+                "id1": name,
+                "id2": f"segment {segment}: {rows['kind'].iloc[0]}",
+                "id3": f"time 0 is {float(rows['time_s'].iloc[0])!r} s of the recording",
+                "data": rows[name].to_numpy(dtype=float),
+                "x": (rows["time_s"] - rows["time_s"].iloc[0]).to_numpy(),
+                "abscissa_spacing": 0,  # the times are written, too
+                "rsp_node": number + 1,
+                "rsp_dir": 0,
+                "ref_node": 0,
+                "ref_dir": 0,
+                "abscissa_spec_data_type": 17,  # time
+                "ordinate_spec_data_type": 0,
+                "orddenom_spec_data_type": 0,
+                "z_axis_spec_data_type": 0,
+            }
+            sets.append(data)
+    write_atomically(path, lambda temporary: pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite"))
+
+
+EXPORTS: dict[str, Callable[[xr.Dataset, Path], None]] = {
+    "csv": _export_csv,
+    "mat": _export_mat,
+    "parquet": _export_parquet,
+    "uff": _export_uff,
+    "mcap": _export_mcap,
+}
+"""How a recording is written, by the name that `sinew export --to` has for it."""

@@ -14,10 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sinew.measure.doors import as_path, write_text
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import UNKNOWN, number, parenthesised
 from sinew.measure.units import named_unit
+from sinew.measure.validation import as_path, write_text
 
 FORMATS = {"latex": ".tex", "csv": ".csv"}
 
@@ -272,7 +272,7 @@ def export_table(
 ) -> list[Path]:
     """Write the tables of a result's document, atomically, and return the files.
 
-    document: as `--json` of a command prints it, and `.document` of a result. path: .tex, one file of all tables; .csv,
+    document: as `--json` of a command prints it, and a result's `to_dict()`. path: .tex, one file of all tables; .csv,
     a file of one table, or where there are several one for each, `NAME-part.csv`. parts: names of those to write.
     columns: of those the ones to write, in this order. Raises SpecError for another ending, and where there is no such
     table or column; FileError where it cannot be written.

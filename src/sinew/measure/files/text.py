@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
-from sinew.measure.doors import most_bytes
 from sinew.measure.errors import FileError, UnitError
 from sinew.measure.files.runs import (
     Opened,
@@ -37,6 +36,7 @@ from sinew.measure.files.runs import (
     with_unit,
 )
 from sinew.measure.units import canonical_unit
+from sinew.measure.validation import refuse_beyond_memory
 
 _DELIMITERS = (",", ";", "\t", None)  # None: blanks
 _WORDS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blanks"}
@@ -111,11 +111,7 @@ class _Layout:
 
 def _decoded(path: Path) -> str:
     try:
-        if (size := path.stat().st_size) > (most := most_bytes() // _TEXT_GROWS):
-            raise FileError(
-                f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB of text in the memory there "
-                "is; cut it, or read it on a computer with more"
-            )
+        refuse_beyond_memory(path, _TEXT_GROWS * path.stat().st_size)
         raw = path.read_bytes()
     except OSError as error:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error

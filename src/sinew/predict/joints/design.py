@@ -1,11 +1,12 @@
 """A rig for a joint that is not built yet, from one that is."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import ValidationError
 
 from sinew.measure.errors import SpecError
+from sinew.measure.result import Field, Result
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import complaint
 from sinew.predict.band import carried_over
@@ -66,37 +67,56 @@ def shear_modulus_of(rig: RigSpec) -> float:
     return rig.silicone.torsional_rigidity.value / section_of(rig).torsion_constant
 
 
-def design_document(rig: RigSpec, design: Design | None) -> dict[str, Any]:
-    """Return the section, material and stiffness of a rig's silicone as JSON holds them."""
+@dataclass(frozen=True, repr=False)
+class SectionResult(Result, title="section"):
+    """A cross-section, see `Section`. torsion_error: how far the torsion constant may be off, as a share."""
+
+    shape: Annotated[str, Field("shape")]
+    diameter_mm: Annotated[float, Field("diameter")]
+    area_mm2: Annotated[float, Field("area")]
+    perimeter_mm: Annotated[float, Field("perimeter")]
+    least_moment_mm4: Annotated[float, Field("least moment")]
+    greatest_moment_mm4: Annotated[float, Field("greatest moment")]
+    torsion_constant_mm4: Annotated[float, Field("torsion constant")]
+    torsion_error: Annotated[float, Field("its error", unit="%")]
+    warping_constant_mm6: Annotated[float, Field("warping constant")]
+    shear_arm_mm: Annotated[float | None, Field("shear arm")]
+
+
+@dataclass(frozen=True, repr=False)
+class DesignedJoint(Result, title="silicone"):
+    """Section, material and stiffness of a rig's silicone; the material where a design names one."""
+
+    section: Annotated[SectionResult, Field("")]
+    material: Annotated[Material | None, Field("")]
+    shear_modulus_kpa: Annotated[float, Field("G", unit="kPa")]
+    torsional_rigidity_n_m2: Annotated[float, Field("torsional rigidity G·J", unit="N m²")]
+    length_mm: Annotated[float, Field("length")]
+    stiffness_n_m_rad: Annotated[float, Field("G·J/L", unit="N m/rad")]
+
+
+def designed_joint(rig: RigSpec, design: Design | None) -> DesignedJoint:
+    """Return section, material and stiffness of a rig's silicone."""
     section = (design and design.section) or section_of(rig)
-    rigidity, length = rig.silicone.torsional_rigidity.value, rig.silicone.length.value
-    material = None if design is None or design.material is None else design.material
-    return {
-        "section": {
-            "shape": section.shape,
-            "diameter_mm": 1e3 * section.diameter,
-            "area_mm2": 1e6 * section.area,
-            "perimeter_mm": 1e3 * section.perimeter,
-            "least_moment_mm4": 1e12 * section.least,
-            "greatest_moment_mm4": 1e12 * section.greatest,
-            "torsion_constant_mm4": 1e12 * section.torsion_constant,
-            "torsion_error": section.torsion_error,
-            "warping_constant_mm6": 1e18 * section.warping_constant,
-            "shear_arm_mm": None if section.shear_arm is None else 1e3 * section.shear_arm,
-        },
-        "material": None
-        if material is None
-        else {
-            "name": material.name,
-            "shear_modulus_pa": material.shear_modulus.to_json(),
-            "secant_pa": material.secant,
-            "slack": material.slack,
-        },
-        "shear_modulus_kpa": 1e-3 * shear_modulus_of(rig),
-        "torsional_rigidity_n_m2": rigidity,
-        "length_mm": 1e3 * length,
-        "stiffness_n_m_rad": rig.silicone.stiffness(0.0),
-    }
+    return DesignedJoint(
+        SectionResult(
+            section.shape,
+            1e3 * section.diameter,
+            1e6 * section.area,
+            1e3 * section.perimeter,
+            1e12 * section.least,
+            1e12 * section.greatest,
+            1e12 * section.torsion_constant,
+            section.torsion_error,
+            1e18 * section.warping_constant,
+            None if section.shear_arm is None else 1e3 * section.shear_arm,
+        ),
+        design.material if design is not None else None,
+        1e-3 * shear_modulus_of(rig),
+        rig.silicone.torsional_rigidity.value,
+        1e3 * rig.silicone.length.value,
+        rig.silicone.stiffness(0.0),
+    )
 
 
 def design_rig(base: RigSpec, design: Design) -> RigSpec:
@@ -180,7 +200,7 @@ def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
     if design.shear_modulus is not None:
         modulus, source = design.shear_modulus, "G as given"
     elif design.material is not None:
-        known = design.material.shear_modulus
+        known = design.material.shear_modulus_pa
         modulus = known.value
         source = f"G of {design.material.title}, within {known.std / known.value:.0%}, from its tensile curve"
     if design.section is None and design.material is None and design.shear_modulus is None:
@@ -190,7 +210,7 @@ def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
     rigidity = modulus * section.torsion_constant
     _put(data, "silicone.torsional_rigidity", rigidity, f"designed: {section.shape}; {source}")
     if design.material is not None:
-        known = design.material.shear_modulus
+        known = design.material.shear_modulus_pa
         interval = (known.low * section.torsion_constant, known.high * section.torsion_constant)
         data["silicone"]["torsional_rigidity"]["interval90"] = interval
     if design.section is None:

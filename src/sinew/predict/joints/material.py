@@ -6,6 +6,7 @@ import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -14,19 +15,25 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError, UnitError
 from sinew.measure.estimate import Estimate
 from sinew.measure.files.csv import find_columns, numbers, read_table
+from sinew.measure.result import Field, Result
 from sinew.measure.units import convert, unit_in_name
 
 
-@dataclass(frozen=True)
-class Material:
-    """A silicone. shear_modulus: at small strain [Pa]; its interval says how far fits of one curve differ.
-    secant: at 100 % strain [Pa]. slack: strain at which the curve begins to carry [1]; None in the table."""
+@dataclass(frozen=True, repr=False)
+class Material(Result):
+    """A silicone. shear_modulus_pa: at small strain; its standard deviation says how far fits of one curve lie from one
+    another, not how far specimens differ. secant_pa: σ/(λ - 1/λ²) at 100 % strain. slack: strain ε₀ at which the curve
+    begins to carry; None in the table."""
 
-    name: str
+    name: Annotated[str, Field("", "detail")]
     title: str
-    shear_modulus: Estimate
-    secant: float
-    slack: float | None = None
+    shear_modulus_pa: Annotated[Estimate, Field("G by fits of its curve")]
+    secant_pa: Annotated[float, Field("G at 100 % strain")]
+    slack: Annotated[float | None, Field("slack", unit="%")]
+
+    def heading(self) -> str:
+        """Return its title."""
+        return self.title
 
 
 @functools.cache
@@ -38,6 +45,7 @@ def _table() -> dict[str, Material]:
             row["title"],
             Estimate.normal(1e3 * row["shear_modulus_kpa"], 1e3 * row["shear_modulus_std_kpa"]),
             1e3 * row["secant_kpa"],
+            None,
         )
         for name, row in tomllib.loads(text).items()
     }
@@ -75,16 +83,6 @@ _WIDER = 0.5
 _FEWEST = 6
 
 
-@dataclass(frozen=True)
-class Tensile:
-    """What a tensile curve tells. shear_modulus: G at small strain [Pa]; its standard deviation is how far other fits
-    of the same curve lie, not how far specimens differ. secant: σ/(λ - 1/λ²) at 100 % strain [Pa]. slack: ε₀ [1]."""
-
-    shear_modulus: Estimate
-    secant: float
-    slack: float
-
-
 def material_of_curve(path: Path, columns: str | None = None) -> Material:
     """Return the silicone whose tensile curve is in a file, named after it; for `sinew joint --tensile`.
 
@@ -99,13 +97,13 @@ def material_of_curve(path: Path, columns: str | None = None) -> Material:
         )
     loading = np.arange(strain.size) <= int(np.argmax(strain))
     order = np.argsort(strain[loading], kind="stable")
-    found = fit_tensile(strain[loading][order], stress[loading][order])
-    if not found.shear_modulus.value > 0:
+    found = fit_tensile(strain[loading][order], stress[loading][order], path.stem)
+    if not found.shear_modulus_pa.value > 0:
         raise RecordingError(
-            f"the curve in {path.name} gives a shear modulus of {found.shear_modulus.value:.3g} Pa, expected a "
+            f"the curve in {path.name} gives a shear modulus of {found.shear_modulus_pa.value:.3g} Pa, expected a "
             "positive one; are strain and stress the right way round, and is the pull positive?"
         )
-    return Material(path.stem, path.stem, found.shear_modulus, found.secant, found.slack)
+    return found
 
 
 def _read_columns(path: Path, columns: str) -> tuple[Array, Array]:
@@ -148,8 +146,8 @@ def read_tensile(path: Path) -> tuple[Array, Array]:
     return table[:, 0], 1e6 * table[:, 1]
 
 
-def fit_tensile(strain: Array, stress: Array) -> Tensile:
-    """Return the moduli of a curve of engineering strain [1] and stress [Pa].
+def fit_tensile(strain: Array, stress: Array, name: str = "") -> Material:
+    """Return the silicone of a curve of engineering strain [1] and stress [Pa], with a name.
 
     G is fitted with slack up to `FIT_STRAIN`. Its standard deviation is the root mean square by which three other
     readings of the curve differ from it: without slack; with slack up to 50 %; a third of the straight slope.
@@ -172,7 +170,7 @@ def fit_tensile(strain: Array, stress: Array) -> Tensile:
     std = float(np.sqrt(np.mean((np.array(others) - modulus) ** 2)))
     stretch = 1 + SECANT_STRAIN
     secant = float(np.interp(SECANT_STRAIN, strain, stress) / _law(np.array(stretch)))
-    return Tensile(Estimate.normal(modulus, std), secant, slack)
+    return Material(name, name, Estimate.normal(modulus, std), secant, slack)
 
 
 def _law(stretch: Array) -> Array:

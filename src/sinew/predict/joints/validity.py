@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +11,13 @@ import numpy as np
 from scipy import optimize
 
 from sinew.measure.arrays import Array, namespace_of
+from sinew.measure.result import Field, Result
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.rod import column_load
 from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
+from sinew.plan.check import mast_load
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.section import Section
@@ -117,7 +119,7 @@ def _sunk(torsion: jax.Array, rest: jax.Array, p: Parameters) -> jax.Array:
 # It is estimated how much the plates at its ends stiffen a silicone that is bonded to them.
 
 LOST = 0.163
-"""Length that bonded ends take from a slender cylinder, in diameters: finite elements, `python -m benchmarks solid`."""
+"""Length that bonded ends take from a slender cylinder, in diameters: finite elements, decision 15."""
 
 
 def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
@@ -162,19 +164,6 @@ def euler_load(bending_rigidity: Any, length: Any, *, tilt_held: bool) -> Any:
     return (4 if tilt_held else 1) * np.pi**2 * bending_rigidity / length**2
 
 
-def mast_load(bending_rigidity: float, length: float, height: float) -> float:
-    """Return the weight [N] at which a clamped column with a rigid mast on it falls over, without shear.
-
-    height: of the weight above the column's end [m]. The root of k h tan(k L) = 1, P = k² E I (0 < k L < π/2); a height
-    of nothing gives π² E I/(4 L²), Euler's free end.
-    """
-    if height <= 0:
-        return float(np.pi**2 * bending_rigidity / (4 * length**2))
-    ratio = height / length
-    turn = optimize.brentq(lambda x: ratio * x * np.sin(x) - np.cos(x), 0.0, np.pi / 2)
-    return float((turn / length) ** 2 * bending_rigidity)
-
-
 def twisting_stretch(torsion_constant: Any, polar_moment: Any, least: float = 0.0) -> Any:
     """Return the stretch λ at which the torsional stiffness of the silicone vanishes; 0 for a circle.
 
@@ -194,32 +183,26 @@ STRAIN = 0.5
 """Largest principal strain up to which a silicone's neo-Hookean law is taken to hold."""
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(Result):
     """One assumption. value and limit: in the unit of the name, else shares; None where there is no number.
     holds: the verdict, never beside a value that exceeds its limit. sentence: with the number and what it means."""
 
-    name: str
-    value: float | None
-    limit: float
-    holds: bool
-    sentence: str
+    check: Annotated[str, Field("check")]
+    value: Annotated[float | None, Field("value", unit="")]
+    limit: Annotated[float, Field("limit", unit="")]
+    holds: Annotated[bool, Field("holds")]
+    sentence: Annotated[str, Field("", "detail")]
 
     def __post_init__(self) -> None:
         inside = self.value is None or (
-            self.value >= self.limit if self.name == "slenderness" else self.value <= self.limit
+            self.value >= self.limit if self.check == "slenderness" else self.value <= self.limit
         )
-        assert inside or not self.holds, f"{self.name} is said to hold at {self.value}, its limit is {self.limit}"
+        assert inside or not self.holds, f"{self.check} is said to hold at {self.value}, its limit is {self.limit}"
 
-    def to_json(self) -> dict[str, str | float | None]:
-        """Return it as JSON holds it."""
-        return {
-            "check": self.name,
-            "value": self.value,
-            "limit": self.limit,
-            "holds": self.holds,
-            "sentence": self.sentence,
-        }
+    def line(self) -> str:
+        """Return its verdict as a line of a list."""
+        return f"- {self.check} {'holds' if self.holds else 'DOES NOT HOLD'}: {self.sentence}"
 
 
 class _Case(NamedTuple):
@@ -267,15 +250,28 @@ def check_joint(
 
 def check_drive(rig: RigSpec, amplitude_deg: float, highest_hz: float) -> list[Check]:
     """Return whether a rig allows the command [deg] and the highest frequency [Hz] that are asked of its drive."""
-    found = []
-    for name, value, limit, unit, advice in (
-        ("drive_amplitude_deg", amplitude_deg, rig.limits.drive_amplitude_deg, "°", "lower the amplitude"),
-        ("drive_hz", highest_hz, rig.limits.drive_hz, " Hz", "lower the highest frequency"),
-    ):
-        told = "" if value <= limit else f"; no bench of this rig will do it, {advice}"
-        sentence = f"the drive is asked for {value:g}{unit}, the rig allows {limit:g}{unit}{told}"
-        found.append(Check(name, value, limit, value <= limit, sentence))
-    return found
+    limits = rig.limits
+    return [
+        _limited(name, value, limit, f"the drive is asked for {value:g}{unit}, the rig allows {limit:g}{unit}", advice)
+        for name, value, limit, unit, advice in (
+            (
+                "drive_amplitude_deg",
+                amplitude_deg,
+                limits.drive_amplitude_deg,
+                "°",
+                f"{_NO_BENCH}, lower the amplitude",
+            ),
+            ("drive_hz", highest_hz, limits.drive_hz, " Hz", f"{_NO_BENCH}, lower the highest frequency"),
+        )
+    ]
+
+
+_NO_BENCH = "no bench of this rig will do it"
+
+
+def _limited(name: str, value: float, limit: float, said: str, advice: str) -> Check:
+    """Return whether a number stays within a limit of the rig; advice: where it does not."""
+    return Check(name, value, limit, value <= limit, said if value <= limit else f"{said}; {advice}")
 
 
 _OF_THE_SWING = ("local_strain", "buckling_sideways", "tension_n", "tendon_current_a", "torsion_deg")
@@ -291,7 +287,7 @@ def doubt_broken_curves(checks: list[Check], broken_mm: list[float]) -> list[Che
     but = f"; but the curve at {broken_mm[0]:g} mm broke off, so the swing may be larger, which nothing here rules out"
     return [
         replace(one, value=None, holds=False, sentence=one.sentence + but)
-        if one.holds and one.name in _OF_THE_SWING
+        if one.holds and one.check in _OF_THE_SWING
         else one
         for one in checks
     ]
@@ -302,7 +298,7 @@ def _check_under(case: _Case, torso: Torso) -> list[Check]:
     rig = case.rig
     guides = rig.tendons.count, rig.tendons.head_radius.value
     under = loads_under(case.loads, torso, case.modulus * case.section.area, guides, rig.limits.tilt_deg)
-    plain = {one.name: one for one in check_joint(rig, case.pretension_mm, under, tilt_held=case.tilt_held)}
+    plain = {one.check: one for one in check_joint(rig, case.pretension_mm, under, tilt_held=case.tilt_held)}
     plain["buckling_sideways"] = _bending_under(case, torso)
     said = f"with {torso.mass:g} kg on it, "
     changed = ("local_strain", "buckling_by_twisting", "tension_n", "tendon_current_a")
@@ -439,24 +435,21 @@ def _tension(case: _Case) -> Check:
     loads = case.loads
     worst, limit = int(np.argmax(loads.tension)), case.rig.limits.tension_n
     value, rest = float(loads.tension[worst]), float(loads.rest_tension[worst])
-    told = "" if value <= limit else "; lower the pretension or the drive"
-    sentence = (
+    said = (
         f"at {case.pretension_mm[worst]:.3g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
-        f"{math.degrees(float(loads.torsion[worst])):.0f}° of torsion, the rig allows {limit:g} N{told}"
+        f"{math.degrees(float(loads.torsion[worst])):.0f}° of torsion, the rig allows {limit:g} N"
     )
-    return Check("tension_n", value, limit, value <= limit, sentence)
+    return _limited("tension_n", value, limit, said, "lower the pretension or the drive")
 
 
 def _current(case: _Case) -> Check:
     limit, value = case.rig.limits.tendon_current_a, case.rig.tendons.current(float(np.max(case.loads.tension)))
-    told = "" if value <= limit else "; take a smaller pulley or lower the pretension"
-    sentence = f"its motor draws {value:.2f} A for that, the rig allows {limit:g} A{told}"
-    return Check("tendon_current_a", value, limit, value <= limit, sentence)
+    said = f"its motor draws {value:.2f} A for that, the rig allows {limit:g} A"
+    return _limited("tendon_current_a", value, limit, said, "take a smaller pulley or lower the pretension")
 
 
 def _torsion(case: _Case) -> Check:
     worst, limit = int(np.argmax(case.loads.torsion)), case.rig.limits.torsion_deg
     value = math.degrees(float(case.loads.torsion[worst]))
-    told = "" if value <= limit else "; lower the drive's amplitude"
-    sentence = f"at {case.pretension_mm[worst]:.3g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
-    return Check("torsion_deg", value, limit, value <= limit, sentence)
+    said = f"at {case.pretension_mm[worst]:.3g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°"
+    return _limited("torsion_deg", value, limit, said, "lower the drive's amplitude")

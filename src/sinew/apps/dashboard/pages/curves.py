@@ -10,10 +10,10 @@ import numpy as np
 from nicegui import ui
 
 from sinew.apps.dashboard.judgement import Verdict
+from sinew.apps.dashboard.pages.frame import part
 from sinew.measure.estimate import interval, number, span, typeset
 
-# Curves are told apart by three things, and by any one of two of them: colour, and dash with marker. Numbers of dashes
-# and markers have no common divisor, so no pair of them comes twice among 42.
+# Of six curves dash alone and marker alone tell them apart, of thirty-six colour with dash.
 _COLOURS = tuple(f"var(--series-{i + 1})" for i in range(6))
 _DASHES: tuple[str | list[int], ...] = ("solid", [9, 4], [3, 3], [12, 4, 3, 4], [16, 4], [8, 3, 2, 3, 2, 3])
 _SYMBOLS = (  # outlines keep their shape in a legend, where names of shapes are stretched
@@ -27,7 +27,6 @@ _SYMBOLS = (  # outlines keep their shape in a legend, where names of shapes are
 )
 _UNSTABLE: str | list[int] = [1, 4]
 _MISS = "path://M0,2L2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5Z"  # a cross, which marks no curve
-_MARKERS_ON_LINE = 4
 _ROWS_OF_LINE = 21
 _AXES = {
     "amplitude_drive": "lever amplitude / °",
@@ -70,8 +69,8 @@ class Curve:
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", str(self.name))
         object.__setattr__(self, "x", [math.nan if at is None else at for at in map(_number_or_none, self.x)])
-        for part in ("y", "low", "high"):
-            object.__setattr__(self, part, [*map(_number_or_none, getattr(self, part))])
+        for name in ("y", "low", "high"):
+            object.__setattr__(self, name, [*map(_number_or_none, getattr(self, name))])
 
     @classmethod
     def of_estimates(
@@ -101,12 +100,11 @@ def _number_or_none(found: Any) -> float | None:
 class Curves:
     """A chart in a page, with its summary in words and, where somebody opens it, its numbers as a table.
 
-    what: gain, phase, damping or amplitude_drive. marked_hz: a frequency to mark, or None.
+    what: gain, phase, damping or amplitude_drive. marks: points that are named, (x, y, label).
     """
 
     what: str
     x_name: str = "frequency / Hz"
-    marked_hz: float | None = None
     marks: list[tuple[float, float, str]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -128,7 +126,7 @@ class Curves:
         """Show these curves instead of those before."""
         self._curves = curves
         self._chart.options.clear()
-        self._chart.options.update(options_of(self.what, curves, self.x_name, self.marked_hz, self.marks))
+        self._chart.options.update(options_of(self.what, curves, self.x_name, self.marks))
         self._chart.update()
         self._fill()
 
@@ -166,25 +164,18 @@ def options_of(
     what: str,
     curves: Sequence[Curve],
     x_name: str,
-    marked: float | None = None,
     marks: Sequence[tuple[float, float, str]] = (),
 ) -> dict[str, Any]:
     """Return ECharts' options for some curves.
 
-    what: gain, phase, damping or amplitude. marked: place on the x axis of a vertical line. marks: (x, y, label).
+    what: gain, phase, damping or amplitude. marks: (x, y, label).
     """
     series: list[dict[str, Any]] = []
     points = sum(not curve.is_line for curve in curves)
-    numbers = [place if curve.number is None else curve.number for place, curve in enumerate(curves)]
-    has_marks = max(numbers, default=0) >= len(_DASHES)  # where colour and dash do not tell them apart
     for place, curve in enumerate(curves):
         # Of points at one place the first are the largest, so that none hides another.
         size = 8 + 2 * min(2, max(0, points - 1 - place))
-        series += _series(curve, numbers[place], size, has_marks)
-    if marked is not None:
-        line = {"silent": True, "symbol": "none", "lineStyle": {"color": "var(--ink)", "type": "dashed"}}
-        line["label"] = {"formatter": f"wanted {marked:g}", "color": "var(--ink)", "textBorderWidth": 0}
-        series.append({"type": "line", "data": [], "markLine": {**line, "data": [{"xAxis": marked}]}})
+        series += _series(curve, place if curve.number is None else curve.number, size)
     if marks:
         label = {
             "show": True,
@@ -225,9 +216,8 @@ def options_of(
             "textStyle": {"color": "var(--ink)"},
             "pageTextStyle": {"color": "var(--ink)"},
             "data": [
-                {"name": curve.name, "itemStyle": {"opacity": 0} if curve.is_line and not has_marks else {}}
-                for curve in curves
-            ],  # a line that has no markers has none here
+                {"name": curve.name, "itemStyle": {"opacity": 0} if curve.is_line else {}} for curve in curves
+            ],  # a line has no markers
         },
         "tooltip": {
             "trigger": "item",
@@ -252,15 +242,12 @@ def _ends(curves: Sequence[Curve]) -> dict[str, Any]:
 
 
 def style_of(number: int) -> tuple[str, str | list[int], str]:
-    """Return (colour, dash, marker) of a curve; no two of 42 have the same dash and marker."""
-    return (
-        _COLOURS[number % len(_COLOURS)],
-        _DASHES[number % len(_DASHES)],
-        _SYMBOLS[number % len(_SYMBOLS)],
-    )
+    """Return (colour, dash, marker) of a curve; no two of 36 have the same colour and dash."""
+    turned = number + number // len(_DASHES)  # so that colour and dash do not come again together
+    return _COLOURS[turned % len(_COLOURS)], _DASHES[number % len(_DASHES)], _SYMBOLS[number % len(_SYMBOLS)]
 
 
-def _series(curve: Curve, number: int, size: int, has_marks: bool) -> list[dict[str, Any]]:
+def _series(curve: Curve, number: int, size: int) -> list[dict[str, Any]]:
     colour, dash, symbol = style_of(number)
     points = [[x, y] for x, y in zip(curve.x, curve.y, strict=True)]
     style = {"color": colour}
@@ -290,25 +277,13 @@ def _series(curve: Curve, number: int, size: int, has_marks: bool) -> list[dict[
             {**scatter, "data": data, "tooltip": tooltip},
             {**bars, "name": curve.name, "itemStyle": style, "silent": True, "clip": True},
         ]
-    hollow = {
-        "color": "var(--card)",
-        "borderColor": colour,
-        "borderWidth": 2,
-    }  # so that none is taken for a measurement
-    line = {"type": "line", "name": curve.name, "showSymbol": False, "symbol": symbol, "itemStyle": hollow}
-    line["silent"] = True
+    line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": style, "silent": True, "z": 2}
     made: list[dict[str, Any]] = []
     stable = curve.is_stable or [True] * len(points)
     for wanted, pattern in ((True, dash), (False, _UNSTABLE)):
         if wanted or not all(stable):
             shown = [[x, y if _belongs(stable, i, wanted) else None] for i, (x, y) in enumerate(points)]
-            made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": pattern}, "z": 2})
-    places = [round((i + 0.5) * len(points) / _MARKERS_ON_LINE) for i in range(_MARKERS_ON_LINE)]
-    places = [place for place in places if 0 < place < len(points) and points[place][1] is not None]
-    if has_marks and places:
-        spots = [points[place] for place in places]
-        marker = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "data": spots}
-        made.append({**marker, "itemStyle": hollow, "silent": True, "z": 2})
+            made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": pattern}})
     if curve.low:
         made += _band(curve, colour)
     return made
@@ -350,16 +325,7 @@ def _summarised(curve: Curve) -> str:
 def table_of(what: str, curves: Sequence[Curve], x_name: str) -> str:
     """Return curves as the HTML of a table: all points, and some places of every line."""
     heads = ("curve", x_name, _AXES[what], "90 %", "against the prediction")
-    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
-    rows = "".join(
-        f'<tr><th scope="row">{escape(cells[0])}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in cells[1:])}</tr>'
-        for curve in curves
-        for cells in _rows(what, curve)
-    )
-    return (
-        f'<div class="sinew-scrolls" tabindex="0" role="region" aria-label="{escape(_AXES[what])} as a table">'
-        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
-    )
+    return part("curves", "table", _AXES[what], heads, [row for curve in curves for row in _rows(what, curve)])
 
 
 def _rows(what: str, curve: Curve) -> Iterator[tuple[str, ...]]:

@@ -3,20 +3,17 @@
 import asyncio
 import math
 from collections.abc import Awaitable, Coroutine, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from time import monotonic
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
-from nicegui import events, ui
+from nicegui import background_tasks, events, ui
 
-from sinew.apps.dashboard.operators import is_run_name
+from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.apps.dashboard.pages.plan import (
     SHELF_NAME,
-    count_seconds,
     in_words,
     plain_button,
     recall,
@@ -25,7 +22,6 @@ from sinew.apps.dashboard.pages.plan import (
     steer,
     why_not,
 )
-from sinew.apps.dashboard.work.design import kept_curves
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
@@ -34,9 +30,7 @@ from sinew.plan.toml import parse_rig
 _THROTTLE_S = 0.05
 _SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)
-_MOST_KEPT = 5
-_LETTERS = "ABCDE"
-_TICK_S, _AWAITED_S = 0.25, 0.3
+_AWAITED_S = 0.3
 
 
 class _Size(NamedTuple):
@@ -58,16 +52,8 @@ _SIZES = {
     "lever_g_m2": _Size("Inertia of the lever", "g m²", 4.0, 20.0, 0.1, "lever_inertia_kg_m2", 1e-3),
     "pretension_mm": _Size("Pretension", "mm", 0.0, math.inf, 0.25),  # as far as the rig's limits: `_ranges`
     "amplitude_deg": _Size("Amplitude of the command", "°", 2.0, 30.0, 0.5),
-    "wanted_hz": _Size("Wanted resonance", "Hz", 1.0, 6.0, 0.05),
 }
-_DRAWN_ONLY = "wanted_hz"
-"""It moves a mark, and nothing is computed for it."""
-
-
-_COMPILES = "The equations behind the sliders are being compiled: some seconds, more where the computer is busy."
-_COMPUTES = "The equations are being computed."
-_OUTDATED = "What is grey is of the joint before."
-_SAVES = "The rig is being saved. Where this page is left before it is, that goes on when the page is opened again."
+_AWAITED = "The curve of this joint is being computed: some seconds where its equations are compiled first."
 
 
 def add_design_page(site: Site) -> None:
@@ -89,18 +75,6 @@ def add_design_page(site: Site) -> None:
 
 
 @dataclass
-class _Joint:
-    """A joint with its curve. name: in legend and table. values: of the sliders. found: of `design_curves`, or None
-    while it is not computed. number: which colour."""
-
-    name: str
-    values: dict[str, float]
-    number: int
-    found: dict[str, Any] | None = None
-    is_fine: bool = False
-
-
-@dataclass
 class _Row:
     """What is laid out for one slider."""
 
@@ -119,20 +93,14 @@ class _Sliders:
         rig = parse_rig(self._rig_toml)
         self._ranges, self._built = _ranges(rig), _sizes(rig)
         of_rig = "" if name == site.rig else f" {name}"
-        self._kept_as, self._saving_as = f"sinew-design{of_rig}", f"sinew-design-saving{of_rig}"
-        self._as_built = _Joint("as built", dict(self._built), 1)
-        self._now = _Joint("this joint", dict(self._built), 0)
-        self._kept: list[_Joint] = []
+        self._kept_as = f"sinew-design{of_rig}"
+        self._values = dict(self._built)
+        self._found: dict[str, Any] | None = None  # of `design_curves`, as that of the rig as built
+        self._as_built: dict[str, Any] | None = None
         self._rows: dict[str, _Row] = {}
-        self._cells: list[tuple[_Joint, list[ui.label]]] = []  # of the table, by joint
-        self._best = 0.0
-        self._awaited_from: float | None = (
-            None  # since when the present joint's curve, or the first sketch, is computed
-        )
-        self._is_outdated = False  # whether what is shown is of another joint than the sliders'
+        self._is_awaited = False  # whether a curve of the present joint is computed, and none of it is there
         self._replacing: str | None = None  # what the next saving may take the place of
         self._turn = 0
-        self._is_sketched = False  # whether the equations of a sketch are compiled, as far as this page knows
 
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
@@ -145,19 +113,12 @@ class _Sliders:
                 for key, size in self._ranges.items():
                     self._slider(key, size)
                 with ui.element("div").classes("sinew-row"):
-                    self._keep = plain_button("Keep this joint", "sinew-keep", self._pin)
                     plain_button("Reset all", "sinew-reset", lambda: self._put(self._built))
-                with ui.element("div").classes("sinew-row"):
-                    self._suggest = plain_button("Suggest a pretension", "sinew-suggest", self._suggested)
-                    self._use = plain_button("Use it", "sinew-use", self._use_suggestion)
-                    self._use.set_visibility(False)
-                self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
-                self._searching = ui.element("div").classes("sinew-row").props("id=sinew-searching")
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
                     )
-                    self._save = plain_button("Save as rig", "sinew-rig-save", self._ask_to_save, needs_operator=True)
+                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, needs_operator=True)
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
                 self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
@@ -165,7 +126,7 @@ class _Sliders:
                 self._plan_it.set_visibility(False)
             with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12) as gain:
-                    self._waiting = empty("").props("id=sinew-compiling role=timer")
+                    self._waiting = empty(_AWAITED).props("id=sinew-compiling role=status")
                     self._waiting.set_visibility(False)
                     self._gain = Curves("gain")
                     self._gain.element.props("id=sinew-design-gain")
@@ -174,22 +135,16 @@ class _Sliders:
                 with card("What it is worth", 12) as worth:
                     with ui.element("div").props("role=status").classes("sinew-stack"):
                         self._notes = [
-                            ui.label().props(f"id=sinew-{name}") for name in ("peak", "lag", "folds", "worth")
+                            ui.label().props(f"id=sinew-{name}")
+                            for name in ("peak", "lag", "damping", "folds", "worth")
                         ]
                     self._trouble = ui.label().props("role=alert").classes("sinew-bad")
                     self._trouble.set_visibility(False)
                     self._checks = ui.element("div").classes("sinew-stack")
-                with card("Joints side by side", 12):
-                    self._table = (
-                        ui.element("div")
-                        .classes("sinew-scroll sinew-whole")
-                        .props('tabindex=0 role=region aria-label="Joints"')
-                    )
         self._dated, self._client = (gain, phase, worth), ui.context.client
-        self._clock = ui.timer(_TICK_S, self._count, active=False)
 
     def _slider(self, key: str, size: _Size) -> None:
-        value, called = self._now.values[key], f"{size.name} / {size.unit}"
+        value, called = self._values[key], f"{size.name} / {size.unit}"
         with ui.element("div").classes("sinew-slider"):
             ui.html(f"{size.name}", sanitize=False, tag="label").props(f"id=sinew-label-{key}")
             slider = ui.slider(min=size.low, max=size.high, step=size.step, value=value)
@@ -221,39 +176,20 @@ class _Sliders:
         number.on_value_change(typed)
 
     async def begin(self) -> None:
-        """Show the joint that was designed here last, else the rig as built, with the curves that are known."""
-        kept = await recall(self._kept_as)
-        known = _values_of(kept, self._built, self._ranges)
-        if known:
-            self._now.values = known[0]
-            for values in known[1:]:
-                self._pinned(values)
+        """Show the joint that was designed here last, else the rig as built, and compute its curves."""
+        self._values = _values_of(await recall(self._kept_as), self._built, self._ranges)
         for key in _SIZES:
             self._show_value(key)
-        joints = [self._now, self._as_built, *self._kept]
-        for joint in joints:
-            joint.found = await asyncio.to_thread(kept_curves, *self._asked(joint.values))
-            joint.is_fine = joint.found is not None
-        self._draw()
-        self._tabulate()
         await self._list_rigs()
-        ui.timer(0.0, self._save_what_was_left, once=True)
-        if self._now.found is None:
-            await self._change()
-        else:
-            self._tell(self._now.found, fine=True)
-            self._await(is_outdated=False)
-            with suppress(SinewError):  # what cannot be sketched is said when a slider asks for it
-                await self._curves_of(self._now.values, "sketch_curves")
-                self._is_sketched = True
-            if not self._is_outdated:
-                self._arrived()
-        self._site.work.warm_up()
-        if self._now.found is not None and self._now.found.get("is_shipped"):
-            await self._compute(self._turn, self._present_curves("design_curves"), fine=True)
-        for joint in joints[1:]:
-            if joint.found is None or joint.found.get("is_shipped"):
-                await self._finish(joint)
+        await self._change()
+        try:
+            self._as_built = await self._curves_of(self._built, "design_curves")
+        except SinewError as trouble:
+            say(str(trouble))
+            return
+        if self._found is not None and not self._trouble.is_deleted:
+            self._tell(self._found, self._found["validity"] is not None)
+            self._draw()
 
     async def _list_rigs(self) -> None:
         """Offer what is on the shelf of rigs now."""
@@ -268,25 +204,14 @@ class _Sliders:
         if event.value != self._rig_name:
             ui.navigate.to("/design" if event.value == self._site.rig else f"/design?{urlencode({'rig': event.value})}")
 
-    def _await(self, *, is_outdated: bool) -> None:
-        """Count from now on, where nothing is counted yet, how long a sketch is waited for."""
-        self._awaited_from, self._is_outdated = self._awaited_from or monotonic(), is_outdated
-        self._clock.activate()
-
-    def _count(self) -> None:
-        """Say how long it has been, and grey what is old, where that is not over before anybody could look."""
-        if self._awaited_from is None or (spent := monotonic() - self._awaited_from) < _AWAITED_S:
-            return
-        said = [_COMPUTES if self._is_sketched else _COMPILES, f"{spent:.0f} s so far."]
-        self._waiting.set_text(" ".join([*said, _OUTDATED] if self._is_outdated else said))
-        self._waiting.set_visibility(True)
-        self._grey(self._is_outdated)
-
-    def _arrived(self) -> None:
-        self._awaited_from, self._is_outdated = None, False
-        self._clock.deactivate()
-        self._waiting.set_visibility(False)
-        self._grey(False)
+    async def _await(self) -> None:
+        """Say that a curve is computed, and grey what is old, where that is not over before anybody could look."""
+        if not self._is_awaited:
+            self._is_awaited = True
+            await asyncio.sleep(_AWAITED_S)
+            if self._is_awaited and not self._trouble.is_deleted:
+                self._waiting.set_visibility(True)
+                self._grey(True)
 
     def _grey(self, is_old: bool) -> None:
         for part in self._dated:
@@ -295,8 +220,8 @@ class _Sliders:
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, each within its ends, and show what comes of it."""
         asked, values = values, {key: self._within(key, value) for key, value in values.items()}
-        changed = [key for key, value in values.items() if value != self._now.values[key]]
-        self._now.values |= {key: values[key] for key in changed}
+        changed = [key for key, value in values.items() if value != self._values[key]]
+        self._values |= {key: values[key] for key in changed}
         for key in asked:
             if values[key] != asked[key]:
                 self._rows[key].said.set_text(f"{values[key]:g} {_SIZES[key].unit} is the end of this slider.")
@@ -305,26 +230,13 @@ class _Sliders:
                 self._rows[key].said.set_text("")
         if not changed:
             return  # the last of a burst comes twice, and slider and number tell each other
-        if changed == [_DRAWN_ONLY]:
-            self._show_asked(changed)
-            self._draw()
-        else:
-            await self._change(changed)
-
-    def _show_asked(self, changed: Sequence[str]) -> None:
-        """Show what some sliders were set to, and have the browser remember it."""
-        for key in changed:
-            self._show_value(key)
-        if set(changed) - {"pretension_mm"}:
-            self._suggestion.set_text("")
-            self._use.set_visibility(False)
-        remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
+        await self._change(changed)
 
     def _within(self, key: str, value: float) -> float:
         return min(max(value, self._ranges[key].low), self._ranges[key].high)
 
     def _show_value(self, key: str) -> None:
-        row, value = self._rows[key], self._now.values[key]
+        row, value = self._rows[key], self._values[key]
         row.slider.set_value(value)
         row.slider.props(f'aria-valuetext="{value:g} {_SIZES[key].unit}"')
         row.number.set_value(value)
@@ -337,13 +249,14 @@ class _Sliders:
         changed: sliders that have another value than the page shows.
         """
         self._turn += 1
-        turn, self._now.is_fine = self._turn, False
+        turn = self._turn
         sketch = asyncio.ensure_future(self._present_curves("sketch_curves"))
         await asyncio.sleep(0)  # it is under way before the page is laid out for what is asked
+        for key in changed:
+            self._show_value(key)
         if changed:
-            self._show_asked(changed)
-        self._await(is_outdated=True)
-        self._fill_table()
+            remember(self._kept_as, self._values)
+        background_tasks.create(self._await())
         await self._compute(turn, sketch, fine=False)
         await asyncio.sleep(_SETTLED_S)
         if turn == self._turn:
@@ -351,218 +264,92 @@ class _Sliders:
 
     def _present_curves(self, name: str) -> Coroutine[Any, Any, Any]:
         """Return what to await for the curves of the joint as it is now; of those that wait the newest is run."""
-        return self._curves_of(dict(self._now.values), name, key=f"{name} {id(self)}")
+        return self._curves_of(self._values, name, key=f"{name} {id(self)}")
 
     async def _compute(self, turn: int, asked: Awaitable[Any], *, fine: bool) -> None:
         try:
             found = await asked
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
-        if found is None or (fine and turn != self._turn) or self._table.is_deleted:
+        if found is None or (fine and turn != self._turn) or self._trouble.is_deleted:
             return
-        self._arrived()
-        if "trouble" not in found:
-            self._now.found, self._now.is_fine, self._is_sketched = found, fine, self._is_sketched or not fine
-        else:
-            self._grey(True)
+        self._is_awaited = False
+        self._waiting.set_visibility(False)
+        self._grey("trouble" in found)
         if turn != self._turn:
-            self._await(is_outdated=True)
-        self._draw()
+            background_tasks.create(self._await())
+        if "trouble" not in found:
+            self._found = found
         self._tell(found, fine)
-        if fine:
-            self._fill_table()
+        self._draw()
 
     async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
-        more = [True] if name == "design_curves" else []
-        call = self._site.work.call(name, *self._asked(values), *more, key=key)
+        joint = self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
+        call = self._site.work.call(name, *joint, *([True] if name == "design_curves" else []), key=key)
         return await unless_left(call, self._client.disconnected())
-
-    def _asked(self, values: Mapping[str, float]) -> tuple[str, dict[str, float], float, float, tuple[float, float]]:
-        return self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""
         sizes = {key: size for key, size in _SIZES.items() if size.key is not None and values[key] != self._built[key]}
         return {str(size.key): size.scale * values[key] for key, size in sizes.items()}
 
-    async def _finish(self, joint: _Joint) -> None:
-        """Compute the refined curve of a joint that stands beside the present one."""
-        try:
-            joint.found = await self._curves_of(joint.values, "design_curves")
-        except SinewError as trouble:
-            say(str(trouble))
-            return
-        joint.is_fine = True
-        if not self._table.is_deleted:
-            self._draw()
-            self._fill_table()
-
     def _draw(self) -> None:
-        """Draw what is known of all joints; it computes nothing."""
-        joints = [one for one in (self._now, self._as_built, *self._kept) if one.found is not None]
-        folds = self._now.found["folds"] if self._now.found else []
-        marks = [(f["frequency_hz"], f["gain"], "fold") for f in folds]
-        for curves, what, marked in ((self._gain, "gain", marks), (self._phase, "phase_deg", [])):
-            curves.marked_hz, curves.marks = self._now.values[_DRAWN_ONLY], marked
-            curves.draw([_curve(one, what) for one in joints])
+        """Draw what is known of the joint and of the rig as built; it computes nothing."""
+        joints = {"this joint": self._found, "as built": self._as_built}
+        self._gain.marks = [(f["frequency_hz"], f["gain"], "fold") for f in (self._found or {"folds": []})["folds"]]
+        for curves, what in ((self._gain, "gain"), (self._phase, "phase_deg")):
+            curves.draw(
+                [
+                    Curve(name, found["frequency_hz"], found[what], (), (), True, found["stable"], number)
+                    for number, (name, found) in enumerate(joints.items())
+                    if found is not None
+                ]
+            )
 
     def _tell(self, found: dict[str, Any], fine: bool) -> None:
         trouble = found.get("trouble", "")
-        said = ("",) * len(self._notes) if trouble else _sentences(found, fine)
+        said = ("",) * len(self._notes) if trouble else _sentences(found, self._as_built, fine)
         for label, sentence in zip((self._trouble, *self._notes), (trouble, *said), strict=True):
             label.set_text(sentence)
             label.set_visibility(bool(sentence))
-        if trouble:
-            return
-        if found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
+        if not trouble and found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
             self._checks.clear()
             with self._checks:
                 for check in found["validity"]:
                     if not check["holds"]:
                         ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
 
-    # Joints are kept beside the present one.
-
-    def _pinned(self, values: Mapping[str, float]) -> _Joint:
-        taken = {one.name for one in self._kept}
-        letter = next(letter for letter in _LETTERS if f"joint {letter}" not in taken)
-        self._kept.append(_Joint(f"joint {letter}", dict(values), 2 + _LETTERS.index(letter)))
-        return self._kept[-1]
-
-    async def _pin(self) -> None:
-        if len(self._kept) >= _MOST_KEPT:
-            say(f"{_MOST_KEPT} joints are kept already; remove one first.")
-            return
-        joint = self._pinned(self._now.values)
-        if self._now.is_fine:
-            joint.found, joint.is_fine = self._now.found, True
-        self._note_kept()
-        if not joint.is_fine:
-            await self._finish(joint)
-
-    def _unpin(self, joint: _Joint) -> None:
-        self._kept.remove(joint)
-        self._note_kept()
-
-    def _note_kept(self) -> None:
-        remember(self._kept_as, [one.values for one in (self._now, *self._kept)])
-        self._draw()
-        self._tabulate()
-
-    def _tabulate(self) -> None:
-        """Lay the joints side by side, with how each differs from the rig as built."""
-        self._table.clear()
-        with self._table, ui.element("table").classes("sinew-joints"):
-            with ui.element("thead"), ui.element("tr"):
-                for text in _HEADS:
-                    _cell("th", text, "scope=col")
-            with ui.element("tbody"):
-                self._cells = [(one, self._joint_row(one)) for one in (self._as_built, self._now, *self._kept)]
-        self._fill_table()
-
-    def _fill_table(self) -> None:
-        """Say in the table what is known of its joints; before it is laid out there is nothing to say it in."""
-        for joint, cells in self._cells:
-            built = None if joint is self._as_built else self._as_built.found
-            numbers = _numbers(joint.found if joint.is_fine else None, built)
-            for cell, text in zip(cells, (_different(joint.values, self._built), *numbers), strict=True):
-                cell.set_text(text)
-
-    def _joint_row(self, joint: _Joint) -> list[ui.label]:
-        """Lay out a joint's row, and return the cells whose texts change."""
-        with ui.element("tr"):
-            _cell("th", joint.name, "scope=row")
-            cells = [_cell("td", "") for _ in _HEADS[1:-1]]
-            with ui.element("td"):
-                if joint in self._kept:
-                    with ui.element("div").classes("sinew-row"):
-                        plain_button("Use", "", lambda: self._put(joint.values)).props(f'aria-label="Use {joint.name}"')
-                        plain_button("Remove", "", lambda: self._unpin(joint)).props(
-                            f'aria-label="Remove {joint.name}"'
-                        )
-        return cells
-
-    # A pretension is suggested, and a joint becomes a rig.
-
-    async def _suggested(self) -> None:
-        wanted = self._now.values[_DRAWN_ONLY]
-        self._suggestion.set_text(f"Joints of other pretensions are swung until one resonates at {wanted:g} Hz.")
-        with self._searching:
-            ui.spinner(size="1.5rem").props('aria-label="A pretension is looked for"')
-            count_seconds("Looked for")
-        self._suggest.props("disabled")
-        self._use.set_visibility(False)
-        values = dict(self._now.values)
-        asked = self._rig_toml, self._changes(values), values["wanted_hz"], values["amplitude_deg"]
-        try:
-            found = await self._site.work.call("suggest_pretension", *asked)
-        except SinewError as trouble:
-            found = {"pretension_mm": None, "sentence": str(trouble)}
-        self._searching.clear()
-        self._suggest.props(remove="disabled")
-        best = found["pretension_mm"]
-        if any(self._now.values[key] != values[key] for key in values if key != "pretension_mm"):
-            self._suggestion.set_text("The sliders were moved meanwhile; ask again.")
-            return
-        if best is None:
-            self._suggestion.set_text(found["sentence"])
-            return
-        said = f"{quantity(best, 'mm')}: " if None not in (best.get("interval90") or [None]) else ""
-        self._suggestion.set_text(f"{said}{found['sentence']}")
-        self._best = round(best["value"], 2)
-        self._use.set_visibility(True)
-
-    async def _use_suggestion(self) -> None:
-        await self._put({"pretension_mm": self._best})
-
-    async def _rig(self, name: str, values: Mapping[str, float]) -> tuple[str, str] | None:
-        """Return (name of its file, text) of a joint as a rig; None where it cannot be one, which is said."""
+    async def _rig(self) -> tuple[str, str] | None:
+        """Return (name of its file, text) of the joint as a rig; None where it cannot be one, which is said."""
+        name = (self._name.value or "").strip()
         if not is_run_name(name.replace(" ", "_")):
             self._saved.set_text(f"A rig's name takes {SHELF_NAME}.")
             return None
         try:
-            text = await self._site.work.call("rig_text", self._rig_toml, self._changes(values), name)
+            text = await self._site.work.call("rig_text", self._rig_toml, self._changes(self._values), name)
         except SinewError as trouble:
             self._saved.set_text(str(trouble))
             return None
         return f"{name.removesuffix('.toml')}.toml", text
 
-    async def _ask_to_save(self) -> None:
-        await self._put_on_shelf((self._name.value or "").strip(), dict(self._now.values))
-
-    async def _save_what_was_left(self) -> None:
-        """Save the rig whose saving was under way when this browser left the page."""
-        told = await recall(self._saving_as)
-        if isinstance(told, dict) and isinstance(told.get("name"), str):
-            await self._put_on_shelf(told["name"], _values_of([told], self._built, self._ranges)[0])
-
-    async def _put_on_shelf(self, name: str, values: dict[str, float]) -> None:
-        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time.
-
-        It alone has the leave to do so, and remembers until then what it is about.
-        """
-        self._saved.set_text(_SAVES)
+    async def _put_on_shelf(self) -> None:
+        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
+        self._saved.set_text("The rig is being saved.")
         self._plan_it.set_visibility(False)
-        self._save.props("data-operator=busy")
-        remember(self._saving_as, {"name": name, **values})
-        made = await self._rig(name, values)
-        if self._saved.is_deleted:
+        if (made := await self._rig()) is None:
             return
-        remember(self._saving_as, None)
-        if made is not None:
-            told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
-            answer = await steer("shelve", told)
-            self._replacing = made[0] if answer.get("exists") else None
-            unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
-            self._saved.set_text(answer.get("sentence") or unknown)
-            self._plan_it.props(f'href="/plan?{urlencode({"rig": made[0]})}"')
-            self._plan_it.set_visibility(bool(answer.get("ok")))
-            await self._list_rigs()
-        self._save.props("data-operator=ready")
+        told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
+        answer = await steer("shelve", told)
+        self._replacing = made[0] if answer.get("exists") else None
+        unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
+        self._saved.set_text(answer.get("sentence") or unknown)
+        self._plan_it.props(f'href="/plan?{urlencode({"rig": made[0]})}"')
+        self._plan_it.set_visibility(bool(answer.get("ok")))
+        await self._list_rigs()
 
     async def _download(self) -> None:
         self._saved.set_text("The rig is being made.")
-        if (made := await self._rig((self._name.value or "").strip(), self._now.values)) is not None:
+        if (made := await self._rig()) is not None:
             self._saved.set_text("")
             ui.download.content(made[1], made[0])
 
@@ -584,82 +371,36 @@ def _sizes(rig: RigSpec) -> dict[str, float]:
         "lever_g_m2": round(1e3 * rig.inertia.lever.value, 3),
         "pretension_mm": min(max(4.0, limits.low), limits.high),
         "amplitude_deg": 20.0,
-        "wanted_hz": 3.6,
     }
 
 
-def _values_of(kept: Any, built: Mapping[str, float], ranges: Mapping[str, _Size]) -> list[dict[str, float]]:
-    """Return the sliders' values of what a browser keeps, the present joint first, as far as they can be meant."""
-    found = []
-    for told in kept if isinstance(kept, list) else []:
-        values = dict(built)
-        for key, size in ranges.items():
-            number = told.get(key) if isinstance(told, dict) else None
-            if isinstance(number, (int, float)) and size.low <= number <= size.high:
-                values[key] = float(number)
-        found.append(values)
-    return found[: 1 + _MOST_KEPT]
+def _values_of(kept: Any, built: Mapping[str, float], ranges: Mapping[str, _Size]) -> dict[str, float]:
+    """Return the sliders' values of what a browser keeps, as far as they can be meant."""
+    values = dict(built)
+    for key, size in ranges.items():
+        number = kept.get(key) if isinstance(kept, dict) else None
+        if isinstance(number, (int, float)) and size.low <= number <= size.high:
+            values[key] = float(number)
+    return values
 
 
-def _curve(joint: _Joint, what: str) -> Curve:
-    assert joint.found is not None
-    found = joint.found
-    return Curve(joint.name, found["frequency_hz"], found[what], (), (), True, found["stable"], joint.number)
+def _sentences(found: dict[str, Any], built: dict[str, Any] | None, fine: bool) -> tuple[str, ...]:
+    """Return what is to be said of a predicted curve: of its peak, its lag of 90°, its damping, its folds and its
+    worth; empty where it has none. built: that of the rig as built, from which peak and lag differ."""
 
+    def at(mark: str, key: str) -> str:
+        value, other = found[mark][key], built and built[mark]
+        off = f" ({100 * (value / other[key] - 1):+.1f} % against the rig as built)" if other else ""
+        return f"{value:.3f}{' Hz' if key == 'frequency_hz' else ''}{off}"
 
-_HEADS = (
-    "joint",
-    "differs from the rig in",
-    "resonance f / Hz (90° of lag)",
-    "difference / %",
-    "largest gain",
-    "difference / %",
-    "at / Hz",
-    "damping D (slope of the lag)",
-    "use it, or remove it",
-)
-
-
-def _numbers(found: dict[str, Any] | None, built: dict[str, Any] | None) -> list[str]:
-    """Return the cells of a joint: resonance, gain, where that is, damping; and how the first two differ."""
-    if found is None:
-        return ["…"] * 6
-
-    def told(what: str, part: str, digits: int) -> tuple[str, str]:
-        mark, other = found[what], built and built[what]
-        if mark is None:
-            return "–", "–"
-        difference = "" if not other else f"{100 * (mark[part] / other[part] - 1):+.1f}"
-        return f"{mark[part]:.{digits}f}", difference
-
-    damping = "–" if found["damping"] is None else f"{found['damping']:.3f}"
-    return [*told("phase_90", "frequency_hz", 3), *told("peak", "gain", 3), told("peak", "frequency_hz", 3)[0], damping]
-
-
-def _different(values: Mapping[str, float], built: Mapping[str, float]) -> str:
-    told = [
-        f"{size.name.lower()} {values[key]:g} {size.unit}"
-        for key, size in _SIZES.items()
-        if key != _DRAWN_ONLY and values[key] != built[key]
-    ]
-    return ", ".join(told) or "nothing"
-
-
-def _cell(tag: str, text: str, props: str = "") -> ui.label:
-    with ui.element(tag).props(props):
-        return ui.label(text)
-
-
-def _sentences(found: dict[str, Any], fine: bool) -> tuple[str, str, str, str]:
-    """Return what is to be said of a predicted curve, of its peak, its lag of 90°, its folds and its worth; empty where
-    it has none."""
-    peak, lag, folds = found["peak"], found["phase_90"], len(found["folds"])
+    damping, folds = found["damping"], len(found["folds"])
     many = f"{folds} folds: between them a sweep up and one down differ"
     worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
     how = f"Refined, to {worth}" if fine else f"A sketch while sliders move, right to {worth}"
     return (
-        f"Largest gain {peak['gain']:.3f} at {peak['frequency_hz']:.3f} Hz" if peak else "",
-        f"Lag of 90° behind the lever at {lag['frequency_hz']:.3f} Hz" if lag else "",
+        f"Largest gain {at('peak', 'gain')} at {at('peak', 'frequency_hz')}" if found["peak"] else "",
+        f"Lag of 90° behind the lever at {at('phase_90', 'frequency_hz')}" if found["phase_90"] else "",
+        f"Lehr's damping by the slope of the lag there: {damping:.3f}" if damping is not None else "",
         many if folds else "No fold: one motion at each frequency",
         f"{how}; what the parameters leave open is not in it",
     )

@@ -5,18 +5,19 @@ import html
 import json
 import math
 import re
-import time
-import tomllib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from nicegui import events, ui
 
-from sinew.apps.dashboard.operators import is_run_name
+from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, part, tabulate
 from sinew.apps.dashboard.worker import unless_left
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
@@ -56,8 +57,7 @@ class _Desk:
     def __init__(self, site: Site, rig: str) -> None:
         self._site, self._asked_rig = site, rig
         self._rig = site.rig
-        self._first = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
-        self._plan = self._first
+        self._plan = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
         self._shelved = ""  # the plan's text as it is on the shelf
         self._drafts: dict[str, str] = {}  # by plan: texts that differ from the shelf's; the browser keeps them, too
         self._replacing: str | None = None  # what the next saving may take the place of
@@ -88,7 +88,6 @@ class _Desk:
                     self._name = ui.input("Name on the shelf", validation={SHELF_NAME: _is_file_name})
                     self._name.props("outlined dense for=sinew-plan-name")
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
-                    self._delete = plain_button("Delete", "sinew-plan-delete", self._ask_to_delete, needs_operator=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
                     why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
@@ -96,11 +95,6 @@ class _Desk:
                     self._preview = ui.element("div").classes("sinew-stack")
                 with card("How far the drive gets: amplitude of the lever, the head held still", 12):
                     self._reach = Curves("amplitude_drive")
-        with ui.dialog().props('aria-label="Delete the plan"') as self._sure, ui.card():
-            self._question = ui.label()
-            with ui.element("div").classes("sinew-row"):
-                plain_button("Delete", "sinew-plan-delete-sure", self._unshelve)
-                plain_button("Keep it", "sinew-plan-delete-not", self._sure.close)
 
     async def begin(self) -> None:
         """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
@@ -180,26 +174,13 @@ class _Desk:
         remember(_DRAFTS, {"plan": self._plan, "rig": self._rig, "drafts": self._drafts})
 
     def _tell_state(self) -> None:
-        is_changed, own = self._text.value != self._shelved, _is_own(self._plan)
+        is_changed = self._text.value != self._shelved
         name = self._plan.removesuffix(".toml")
-        where = f"{name} on the shelf" if own else f"the plan {name} that ships with Sinew"
-        if is_changed:
-            self._state.set_text(f"Changed: this browser keeps it, {where} is as it was.")
-        else:
-            said = self._name_in_text() if own else name
-            called = "" if said == name else f" Its runs are listed as {said}, the name in its text."
-            self._state.set_text(f"{'Saved' if own else 'Unchanged'}: as {where}.{called}")
+        where = f"{name} on the shelf" if _is_own(self._plan) else f"the plan {name} that ships with Sinew"
+        said = f"Changed: this browser keeps it, {where} is as it was." if is_changed else f"As {where}."
+        self._state.set_text(said)
         self._state.classes(replace="sinew-warn" if is_changed else "sinew-soft")
-        self._delete.props(f"data-operator={'ready' if own else 'no'}")
         self._discard.props(remove="disabled") if is_changed else self._discard.props("disabled")
-
-    def _name_in_text(self) -> str:
-        """Return what the text calls its plan, or what the shelf does where it does not say."""
-        name = self._plan.removesuffix(".toml")
-        try:
-            return str(tomllib.loads(self._text.value).get("name", name))
-        except tomllib.TOMLDecodeError:
-            return name
 
     async def _check(self) -> None:
         """Say what is wrong with the plan, or preview it, once nobody has typed for a moment."""
@@ -227,8 +208,7 @@ class _Desk:
                 self._offer(None, f"The plan is wrong{f' at line {lines[0]}' if lines else ''}: see Preview.")
                 return
             self._draw_timeline(outline["stages"])
-            ui.spinner(size="2rem").props('aria-label="The preview is computed"')
-            count_seconds("The twin swings through the plan once")
+            ui.spinner(size="2rem").props('aria-label="The twin swings through the plan once"')
         self._offer(None, "The plan is tried on the twin: see Preview.")
         found = await self._tried("preview_document", toml, rig)
         if found is not None and not self._is_past(turn):
@@ -290,9 +270,7 @@ class _Desk:
                 return
             whole = round(found["bench_s"])
             minutes = "{} min {} s".format(*divmod(whole, 60)) if whole >= 60 else f"{whole} s"
-            longer = found["longest_s"] - found["duration_s"]
-            more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
-            took = f"About {minutes}{more} on the bench, after some seconds to get ready"
+            took = f"About {minutes} on the bench, after some seconds to get ready"
             self._length.set_text(f"{took}; {found['groups']} groups: {_groups_in_words(parse_plan(self._text.value))}")
             if found["ok"]:
                 rest = ", knowing this:" if any(one["severity"] == "warn" for one in found["findings"]) else "."
@@ -309,17 +287,12 @@ class _Desk:
                 ui.label(_BENDS if pose else _ANEW).classes("sinew-soft")
             twists = {row["pretension_mm"]: f"{row['torsion_deg']:.0f}" for row in found["torsion"]}
             rows = [
-                {
-                    "mm": f"{row['pretension_mm']:g}",
-                    "n": f"{row['tension_n']:.1f}",
-                    "deg": twists.get(row["pretension_mm"], "–"),
-                }
+                (f"{row['pretension_mm']:g}", f"{row['tension_n']:.1f}", twists.get(row["pretension_mm"], "–"))
                 for row in found["tension"]
             ]
             pull = f"{'largest ' if pose else ''}tension of a tendon at rest / N"
             labels = {"mm": "pretension / mm", "n": pull, "deg": "largest torsion / °"}
-            columns = [{"name": key, "label": label, "field": key, "align": "right"} for key, label in labels.items()]
-            ui.table(rows=rows, columns=columns).props("flat dense").classes("w-full")
+            tabulate(labels, rows, right=labels)
         drive = found["drive"]
         reached = Curve(
             "reachable", [one["frequency_hz"] for one in drive], [one["amplitude_deg"] for one in drive], is_line=True
@@ -360,47 +333,24 @@ class _Desk:
             label.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
             self._drafts.pop(self._plan, None)
-            self._plan, self._shelved = file, told["text"]
+            self._plan, self._shelved = file, text
+            self._remember()
             self._tell_state()
-            await self._reload(file)
-
-    def _ask_to_delete(self) -> None:
-        name = self._plan.removesuffix(".toml")
-        self._question.set_text(f"Delete {name} from the shelf? It cannot be brought back.")
-        self._sure.open()
-
-    async def _unshelve(self) -> None:
-        self._sure.close()
-        if (await steer("unshelve", {"shelf": "plans", "name": self._plan})).get("ok"):
-            self._drafts.pop(self._plan, None)
-            await self._reload(self._first)
-
-    async def _reload(self, name: str) -> None:
-        """Offer what is on the shelf now, and take a plan of it."""
-        try:
-            shelves = await self._site.work.call("shelf", str(self._site.runs))
-        except SinewError as trouble:  # what was done on the shelf is done; the list here is as it was
-            say(str(trouble))
-            return
-        self._plan = name
-        self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=name)
-        await self._take(name)
+            if self._run.value == self._suggested:
+                self._run.set_value(self._run_name(file))
+            with suppress(SinewError):  # what was done on the shelf is done; the list here is as it was
+                shelves = await self._site.work.call("shelf", str(self._site.runs))
+                self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=file)
 
 
 def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
-    """Return a plain button; steering.js knows whether this page is the operator's."""
+    """Return a plain button; steering.js knows whether this page is in control."""
     made = ui.element("button").props(f"type=button {f'id={name}' if name else ''}").classes("sinew-button")
     if needs_operator:
         made.props("data-operator=ready disabled")
     with made.on("click", act):
         ui.html(html.escape(text), sanitize=False, tag="span")
     return made
-
-
-def count_seconds(said: str) -> None:
-    """Say what is under way, and for how long."""
-    label, began = ui.label(f"{said} …").props("role=timer").classes("sinew-soft"), time.monotonic()
-    ui.timer(1.0, lambda: label.set_text(f"{said}: {time.monotonic() - began:.0f} s"), immediate=False)
 
 
 def why_not() -> None:
@@ -495,60 +445,29 @@ _LAST_TICK = 0.93  # of the whole: the time of one farther right would be cut of
 def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
     """Return a plan's stages as bars over time, told on hovering, and as a table. stages: of `plan_outline`."""
     whole = stages[-1]["start_s"] + stages[-1]["duration_s"]
-
-    def block(one: dict[str, Any], style: str, label: str, told: str) -> str:
-        place = f"left:{100 * one['start_s'] / whole:.3f}%;width:{100 * one['duration_s'] / whole:.3f}%"
-        return f'<i class="{style}" style="{place}" title="{html.escape(told)}"><span>{html.escape(label)}</span></i>'
-
-    bars = [block(one, f"of-{one['kind']}", _short(one), _told(one)) for one in stages]
-    levels = [block(one, "of-level", f"{one['pretension_mm']:g} mm", _told_level(one)) for one in _levels(stages)]
+    bars = [{**one, "style": one["kind"], "label": _short(one), "told": _told(one)} for one in stages]
+    levels = []
+    for mm, level in groupby((one for one in stages if one["pretension_mm"] is not None), itemgetter("pretension_mm")):
+        first, last = itemgetter(0, -1)(list(level))
+        held = {"start_s": first["start_s"], "duration_s": last["start_s"] + last["duration_s"] - first["start_s"]}
+        levels.append({**held, "style": "level", "label": f"{mm:g} mm", "told": f"{mm:g} mm: {_span(held)}"})
     step = next((step for step in _STEPS_S if whole / step <= _TICKS), _STEPS_S[-1])
-    ticks = [
-        f'<span style="left:{100 * at / whole:.3f}%">{_clock(at)}</span>'
-        for at in range(0, math.ceil(_LAST_TICK * whole), step)
-    ]
-    kinds = dict.fromkeys(one["kind"] for one in stages)
-    legend = "".join(f'<li><i class="of-{kind}"></i>{_DOES[kind]}</li>' for kind in kinds)
-    rows = "".join(
-        f"<tr><td>{_clock(one['start_s'])}</td><td>{one['duration_s']:.1f}</td><td>{html.escape(_doing(one))}</td>"
-        f"<td>{_number(one['pretension_mm'])}</td><td>{_number(one['frequency_hz'])}</td>"
-        f"<td>{_number(one['amplitude_deg'])}</td></tr>"
-        for one in stages
-    )
-    heads = "".join(
-        f"<th scope=col>{name}</th>"
-        for name in (
-            "from / min:s",
-            "takes / s",
-            "the bench does",
-            "pretension / mm",
-            "frequency / Hz",
-            "amplitude / °",
+    ticks = [(at, _clock(at)) for at in range(0, math.ceil(_LAST_TICK * whole), step)]
+    rows = [
+        (
+            _clock(one["start_s"]),
+            f"{one['duration_s']:.1f}",
+            _doing(one),
+            *(
+                "" if one[key] is None else f"{one[key]:.4g}"
+                for key in ("pretension_mm", "frequency_hz", "amplitude_deg")
+            ),
         )
-    )
+        for one in stages
+    ]
+    legend = [(kind, _DOES[kind]) for kind in dict.fromkeys(one["kind"] for one in stages)]
     said = f"The run over {_clock(whole)} min; the table of the run says the same"
-    return (
-        f'<div class="sinew-timeline" role="img" aria-label="{said}">'
-        f"<b>Pretension</b><div>{''.join(levels)}</div><b>Bench</b><div>{''.join(bars)}</div>"
-        f'<b></b><div class="ticks">{"".join(ticks)}</div></div>'
-        f'<ul class="sinew-timeline-legend">{legend}</ul>'
-        f"<details><summary>The run as a table</summary>"
-        f'<div class="sinew-scroll" tabindex="0" role="region" aria-label="The run as a table">'
-        f'<table class="sinew-stages"><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div></details>'
-    )
-
-
-def _levels(stages: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return how long each pretension stays, its change included."""
-    found: list[dict[str, Any]] = []
-    for one in stages:
-        if one["pretension_mm"] is None:
-            continue
-        if found and found[-1]["pretension_mm"] == one["pretension_mm"]:
-            found[-1]["duration_s"] = one["start_s"] + one["duration_s"] - found[-1]["start_s"]
-        else:
-            found.append(dict(one))
-    return found
+    return part("plan", "timeline", whole, said, levels, bars, ticks, legend, rows)
 
 
 def _doing(one: dict[str, Any]) -> str:
@@ -566,17 +485,9 @@ def _told(one: dict[str, Any]) -> str:
     return f"{begun(_doing(one))}{drive}{held}: {_span(one)}"
 
 
-def _told_level(one: dict[str, Any]) -> str:
-    return f"{one['pretension_mm']:g} mm: {_span(one)}"
-
-
 def _span(one: dict[str, Any]) -> str:
     return f"{_clock(one['start_s'])} to {_clock(one['start_s'] + one['duration_s'])}, {one['duration_s']:.1f} s"
 
 
 def _clock(seconds: float) -> str:
     return "{}:{:02d}".format(*divmod(round(seconds), 60))
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"

@@ -1,24 +1,34 @@
-"""The page of past runs: searched, noted, named, put away; opened, laid over one another, compared and downloaded."""
+"""The page of past runs: searched; opened, laid over one another, compared and downloaded."""
 
 import json
 import math
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import suppress
 from typing import Any
 from urllib.parse import urlencode
 
 from nicegui import events, ui
 from starlette.requests import Request
 
-from sinew.analysis.run_index import COMMON, QUANTITIES
+from sinew.analysis.runs import COMMON, QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.hub import basis_of, numbered
 from sinew.apps.dashboard.judgement import judged, misses, tally
-from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
-from sinew.apps.dashboard.pages.frame import Site, card, clock_time, empty, framed, heading, quantity
-from sinew.apps.dashboard.pages.plan import plain_button, why_not
-from sinew.apps.dashboard.worker import Work
+from sinew.apps.dashboard.pages.frame import (
+    Site,
+    card,
+    clock_time,
+    columns_of,
+    empty,
+    framed,
+    heading,
+    quantity,
+    tabulate,
+)
+from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
 from sinew.measure.recording import SOURCES
@@ -34,14 +44,11 @@ _COLUMNS = {
         one: QUANTITIES[one].called[0] + (f" / {QUANTITIES[one].unit}" if QUANTITIES[one].unit else "")
         for one in COMMON
     },
-    "tags": "tags",
-    "reason": "notes, and why it ended",
+    "reason": "why it ended",
 }
-_RIGHT = ("mm", "hz", "value", "difference", *COMMON)
 _DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"), ("report", "Report"))
 _MOST_OVERLAID, _MOST_ROWS, _MOST_POINTS = 24, 500, 400
 _MS_OF_A_DAY = 86_400_000
-_COMMAND_S = 30.0
 _HINT = "Tick one run to open it, or several to compare them; a click on a row opens it too."
 _NO_RING_DOWNS = "no ring-downs"
 _NEEDS_RING_DOWNS = (
@@ -68,7 +75,7 @@ def add_runs_pages(site: Site) -> None:
             if names:
                 ui.link("All runs", "/runs")
             listed = _List(site, chosen, search)
-            await _open(site, chosen, listed.refresh) if names else await ui.context.client.connected()
+            await _open(site, chosen) if names else await ui.context.client.connected()
             if chosen or not names:
                 await listed.show()
 
@@ -79,37 +86,19 @@ def _address(names: list[str], search: str = "") -> str:
     return f"/runs?{urlencode(asked)}" if asked else "/runs"
 
 
-async def _command(name: str, /, **more: object) -> bool:
-    """Have this browser give a command at the steering port, with its own ticket; return whether it was carried out."""
-    told = f"return (await Sinew.command({json.dumps(name)}, {json.dumps(more)})).ok"
-    return bool(await ui.run_javascript(told, timeout=_COMMAND_S))
-
-
-def _columns(labels: dict[str, str]) -> list[dict[str, Any]]:
-    """Return columns as a table takes them."""
-    sides = {key: "right" if key in _RIGHT else "left" for key in labels}
-    return [
-        {"name": key, "label": label, "field": key, "align": sides[key], "sortable": True}
-        for key, label in labels.items()
-    ]
-
-
 class _List:
-    """The list of runs in a page, with its search, its trend and the bin. opened: runs whose boxes are ticked."""
+    """The list of runs in a page, with its search and its trend. opened: runs whose boxes are ticked."""
 
     def __init__(self, site: Site, opened: list[str], search: str) -> None:
         self._site, self._opened, self._search = site, opened, search
         self._is_shown = False
-        self._unopened = 0  # of the listed runs: that were not analysed yet
-        self._count = 0
-        self._offered: str | None = COMMON[0]  # the trend that is shown until somebody chooses one
 
     async def show(self) -> None:
         """Draw it, and fill it with what the search finds."""
         with ui.element("section").classes("sinew-card"):
             if self._opened:
                 ui.label("Open others").props("role=heading aria-level=2").classes("text-bold")
-            self._field = ui.input("Search: words, f_r>3.2 pretension=6 tag:aged begin>=2026-03", value=self._search)
+            self._field = ui.input("Search: words and ranges, as aged f_r=3.2.. pretension=6", value=self._search)
             self._field.props("outlined dense clearable type=search debounce=300 for=sinew-search maxlength=500")
             self._field.classes("w-full")
             self._said = (
@@ -119,22 +108,18 @@ class _List:
             with ui.element("div").classes("sinew-row"):
                 button = ui.button("Open, or compare several", on_click=self._open_chosen)
                 button.props("id=sinew-open no-caps unelevated color=primary")
-                plain_button("Put into the bin", "sinew-bin", self._bin_chosen, needs_operator=True)
-                why_not()
             self._hint = ui.label(_HINT)
             self._hint.props("role=status").classes("sinew-soft")
             ui.label("Keys: arrows go from row to row, space chooses, Enter opens, / goes to the search.").classes(
                 "sinew-soft"
             )
-        with ui.element("div").classes("sinew-grid"):
-            with card("Over months", 12):
-                names = {one: f"{QUANTITIES[one].words}, {QUANTITIES[one].called[0]}" for one in COMMON}
-                names["gain_peak"] = QUANTITIES["gain_peak"].words
-                self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=self._offered)
-                self._quantity.props("inline")
-                self._quantity.on_value_change(self._choose_trend)
-                self._trend = ui.element("div").classes("w-full").props("data-trend")
-            self._bin = ui.element("div").classes("span-12")
+        with ui.element("div").classes("sinew-grid"), card("Over months", 12):
+            names = {one: f"{QUANTITIES[one].words}, {QUANTITIES[one].called[0]}" for one in COMMON}
+            names["gain_peak"] = QUANTITIES["gain_peak"].words
+            self._quantity = ui.radio({one: begun(name) for one, name in names.items()}, value=COMMON[0])
+            self._quantity.props("inline")
+            self._quantity.on_value_change(self._draw_trend)
+            self._trend = ui.element("div").classes("w-full").props("data-trend")
         self._field.on_value_change(self._searched)
         self._is_shown = True
         await self.refresh()
@@ -142,7 +127,7 @@ class _List:
     def _made_table(self) -> ui.table:
         table = ui.table(
             rows=[],
-            columns=_columns(_COLUMNS),
+            columns=columns_of(_COLUMNS, right=COMMON),
             row_key="name",
             selection="multiple",
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
@@ -169,11 +154,10 @@ class _List:
         await self.refresh()
 
     async def refresh(self) -> None:
-        """Fill table, trend and bin anew, once they are drawn."""
+        """Fill table and trend anew, once they are drawn."""
         if not self._is_shown:
             return
         work, runs = self._site.work, str(self._site.runs)
-        told: set[str] = set()
         try:
             async for found in looks(work, runs, self._search, key=f"runs {id(self)}"):
                 if found is None or self._table.is_deleted:  # another search came after this one, or the page was left
@@ -181,10 +165,6 @@ class _List:
                 self._said.classes("sinew-soft", remove="sinew-bad")
                 self._said.set_text(_counted(found, bool(self._search)))
                 self._table.update_rows([_row(run) for run in found["runs"]], clear_selection=False)
-                rows = (row for run in found["runs"] for row in run["found"])
-                told |= {name for row in rows for name in COMMON if _is_told(row, name)}
-                self._count = len(found["runs"])
-                self._unopened = sum(not run["analysed"] for run in found["runs"])
                 opened = [row for row in self._table.rows if row["name"] in self._opened]
                 others = (row for row in self._table.selected if row["name"] not in self._opened)
                 self._table.selected = [*opened, *others]
@@ -193,25 +173,7 @@ class _List:
             self._said.classes("sinew-bad", remove="sinew-soft")
             return
         self._table.props(remove="hide-no-data")
-        if self._offered is not None:
-            self._offered = next((name for name in COMMON if name in told), COMMON[0])
-            self._quantity.set_value(self._offered)
         await self._draw_trend()
-        names = await work.call("list_bin", runs)
-        self._bin.clear()
-        if names:
-            with self._bin, card("Bin", 12):
-                ui.label("Runs that were put away, in .bin below the folder of the runs.").classes("sinew-soft")
-                for name in names:
-                    with ui.element("div").classes("sinew-row"):
-                        ui.label(name)
-                        button = plain_button("Restore", "", lambda name=name: self._restore(name), needs_operator=True)
-                        button.props(f'data-restore aria-label="Restore {_attribute(name)}"')
-
-    async def _choose_trend(self, event: events.ValueChangeEventArguments[str]) -> None:
-        if event.value != self._offered:
-            self._offered = None
-            await self._draw_trend()
 
     async def _draw_trend(self) -> None:
         try:
@@ -219,8 +181,9 @@ class _List:
         except SinewError as trouble:
             found, said = [], str(trouble)
         else:
-            asked = "any of these" if self._offered else _the(self._quantity.value)
-            said = f"No run of the list tells {asked}{_why_untold(self._count, self._unopened)}."
+            said = (
+                f"No run of the list determines the {QUANTITIES[self._quantity.value].words}; opening one analyses it."
+            )
         if self._trend.is_deleted:
             return
         self._trend.clear()
@@ -249,46 +212,8 @@ class _List:
         if is_run_name(name):
             ui.navigate.to(_address([name]))
 
-    async def _bin_chosen(self) -> None:
-        """Put runs into the bin that are ticked and listed, once somebody has read their names and said yes."""
-        listed = {row["name"] for row in self._table.rows}
-        ticked = [row["name"] for row in self._table.selected if row["name"] in listed]
-        names = [name for name in ticked if is_run_name(name)][:_MOST_OVERLAID]
-        if not names:
-            self._hint.set_text("No run is ticked: tick those to put into the bin.")
-            return
-        with ui.dialog().props('aria-label="Put runs into the bin"') as sure, ui.card():
-            few = f"the first {len(names)} of {len(ticked)} that are chosen, " if len(names) < len(ticked) else ""
-            ui.label(f"Put {few}{', '.join(names)} into the bin? It can be taken out again.").props("data-asked")
-            with ui.element("div").classes("sinew-row"):
-                plain_button("Put into the bin", "sinew-bin-sure", lambda: sure.submit(True))
-                plain_button("Leave it", "sinew-bin-not", lambda: sure.submit(False))
-        is_sure = await sure
-        sure.delete()
-        if not is_sure:
-            return
-        put = []
-        for name in names:
-            if not await _command("bin", name=name):
-                break
-            put.append(name)
-        self._table.selected = [row for row in self._table.selected if row["name"] not in names]
-        if put:
-            lies = "lies" if len(put) == 1 else "lie"
-            self._hint.set_text(f"{', '.join(put)} {lies} in the bin; Restore, below, takes a run out again.")
-        await self.refresh()
 
-    async def _restore(self, name: str) -> None:
-        await _command("restore", name=name)
-        await self.refresh()
-
-
-def _attribute(text: str) -> str:
-    """Return text as an attribute of a page takes it between quotes."""
-    return "".join(letter if letter.isalnum() or letter in "._-" else " " for letter in text)
-
-
-async def looks(work: Work, runs: str, query: str, key: str) -> AsyncIterator[dict[str, Any] | None]:
+async def looks(work: Worker, runs: str, query: str, key: str) -> AsyncIterator[dict[str, Any] | None]:
     """Yield what `look_at_runs` says, again and again until every folder is read; None where another look came after.
 
     Between two looks others that ask the worker have their turn.
@@ -323,27 +248,11 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     if run.get("has_ring_downs") is False and not any("damping_ratio" in found for found in run["found"]):
         row["damping_ratio"] = _NO_RING_DOWNS
     reason = run.get("sentence") or "" if run["state"] in ("stopped", "damaged") else run.get("remark") or ""
-    said = " · ".join(part for part in (run.get("notes") or "", reason) if part)
-    return row | {"tags": " ".join(run.get("tags") or []), "reason": said[:200]}
-
-
-def _why_untold(count: int, unopened: int) -> str:
-    """Return why none of so many runs tells a quantity, of which some were not analysed yet."""
-    if not count:
-        return ""
-    if not unopened:
-        return ": what they measured does not determine it; a run's page says why"
-    if unopened == count:
-        return ": none is analysed yet, which opening one does"
-    return f": {unopened} of {count} are not analysed yet, which opening one does, and the others do not determine it"
+    return row | {"reason": reason[:200]}
 
 
 def _is_told(row: dict[str, Any], quantity: str) -> bool:
     return quantity in row and row[quantity]["value"] is not None
-
-
-def _the(quantity: str) -> str:
-    return f"the {QUANTITIES[quantity].words}"
 
 
 def _shown(found: list[dict[str, Any]]) -> str:
@@ -378,16 +287,10 @@ def trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     return options
 
 
-async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[None]]) -> None:
-    """Draw what some runs found. changed: is called when notes of one have changed."""
+async def _open(site: Site, names: list[str]) -> None:
+    """Draw what some runs found."""
     if not names:
         empty("No run has that name.")
-        return
-    gone = [name for name in names if not (site.runs / name).is_dir()]
-    for name in gone:
-        ui.label(f"There is no run {name}: renamed, or put into the bin? It may be among all runs.").props("role=alert")
-    if not (names := [name for name in names if name not in gone]):
-        await ui.context.client.connected()
         return
     place = ui.element("div").classes("w-full")
     with place:
@@ -396,19 +299,14 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
         ui.label(f"{said} …; the first time takes some seconds.").classes("sinew-soft")
     await ui.context.client.connected()
     found: list[tuple[str, dict[str, Any]]] = []
+    about: dict[str, dict[str, Any]] = {}
     for name in names:
         try:
-            folder = str(site.runs / name)
-            kept = await site.work.call("kept_results", folder)
-            found.append((name, kept or await site.work.call("run_results", folder)))
+            found.append((name, await site.work.call("run_results", str(site.runs / name))))
         except SinewError as trouble:
             found.append((name, {"trouble": str(trouble)}))
-    about = {}
-    for name in names:
-        try:
-            about[name] = await site.work.call("run_summary", str(site.runs / name))
-        except SinewError:
-            continue
+        with suppress(SinewError):
+            about[name] = await site.work.call("read_run", str(site.runs / name))
     compared: dict[str, Any] = {"rows": [], "sentences": []}
     if len(names) > 1:
         compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
@@ -422,11 +320,12 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
         _numbers(found, [name for name in about if about[name]["has_ring_downs"] is False])
         for name, results in found:
             _coupling(name, results.get("document") or {})
-        for name, _ in found:
-            if name in about:
-                _about(about[name], changed)
-        for name, _ in found:
-            _downloads(name)
+        for run in about.values():
+            with card(f"About {run['name']}", 6):
+                said = f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}."
+                ui.label(said).props("data-reason")
+        for name in names:
+            _downloads(name, has_samples=(site.runs / name / JOURNAL).is_file())
     if len(found) == 1 and found[0][1].get("curves") and (site.runs / found[0][0] / JOURNAL).is_file():
         await _foretell(site, *found[0], charts, verdict)
 
@@ -461,82 +360,32 @@ def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[st
     """Say of each run what it is and the numbers that one came for; the other resonances are in the table below."""
     with card("Resonance and damping", 12) as place:
         place.props("data-headline")
-        explained: set[str] = set()
         for name, results in found:
-            rows = results.get("parameters", [])
-            told = []
-            for one in _HEADLINES:
-                unit = f" {QUANTITIES[one].unit}".rstrip()
+            rows, told = results.get("parameters", []), []
+            for one in ("resonance_hz", "damping_ratio"):
                 if numbers := [row["estimate"] for row in rows if row["quantity"] == one]:
-                    explained.add(one)
+                    unit = f" {QUANTITIES[one].unit}".rstrip()
                     told.append(f"{QUANTITIES[one].called[0]} {typeset(_shown(numbers))}{unit}")
-            levels = sorted({row["pretension_mm"] for row in rows})
-            where = " to ".join(f"{mm:g}" for mm in dict.fromkeys((levels[0], levels[-1]))) if levels else ""
-            said = f"{', '.join(told)} at {where} mm of pretension" if told else _NOTHING
+            levels = " to ".join(f"{mm:g}" for mm in _ends([row["pretension_mm"] for row in rows]))
+            said = f"{', '.join(told)} at {levels} mm of pretension" if told else _NOTHING
             ui.label(f"{name}: {said}" if len(found) > 1 else said).classes("text-h6")
             if source := SOURCES.get(results.get("source") or ""):
                 rig = f", rig {about[name]['rig']}" if name in about and about[name]["rig"] else ""
                 ui.label(f"{begun(source)}{rig}.").classes("sinew-soft")
-        if explained:
-            what = "; ".join(said for one, said in _HEADLINES.items() if one in explained)
-            ui.label(f"{what}; {_HOW_TOLD}").classes("sinew-soft")
+        ui.label(_HOW_TOLD).classes("sinew-soft")
+
+
+def _ends(levels: list[float]) -> list[float]:
+    """Return the least and the greatest, once where they are one; empty where there is none."""
+    return list(dict.fromkeys((min(levels), max(levels)))) if levels else []
 
 
 _NOTHING = "No resonance and no damping could be told."
-_HEADLINES = {
-    "resonance_hz": "f_r: frequency at which torsion over commanded amplitude is largest",
-    "damping_ratio": "D: Lehr's damping, of the ring-downs",
-}
 _HOW_TOLD = (
-    "with 90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by "
-    "90° of lag, by the paper's mean of peaks, of the decay) is in What was found."
+    "f_r: frequency at which torsion over commanded amplitude is largest; D: Lehr's damping, of the ring-downs; with "
+    "90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by 90° "
+    "of lag, by the paper's mean of peaks, of the decay) is in What was found."
 )
-
-
-def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
-    """Show what a run was and why it ended, with name, notes and tags to be changed."""
-    name = run["name"]
-
-    async def rename() -> None:
-        if await _command("rename", name=name, to=to.value):
-            ui.navigate.to(_address([to.value]))
-
-    async def note() -> None:
-        if await _command(
-            "note", name=name, notes=notes.value or "", tags=(tags.value or "").replace(",", " ").split()
-        ):
-            await changed()
-
-    async def put_away() -> None:
-        if await _command("bin", name=name):
-            about.clear()
-            with about:
-                ui.label(f"{name} lies in the bin.").props("role=status")
-                with ui.element("div").classes("sinew-row"):
-                    plain_button("Take it out again", "", restore, needs_operator=True).props("data-restore")
-                    ui.link("All runs", "/runs")
-                    why_not()
-            await changed()
-
-    async def restore() -> None:
-        if await _command("restore", name=name):
-            ui.navigate.to(_address([name]))
-
-    with card(f"About {name}", 6), ui.element("div").classes("sinew-stack") as about:
-        ui.label(f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}.").props("data-reason")
-        with ui.element("div").classes("sinew-row"):
-            to = ui.input("Name", value=name).props("outlined dense maxlength=80 data-name").classes("sinew-name")
-            plain_button("Rename", "", rename, needs_operator=True).props("data-rename")
-        notes = ui.textarea("Notes", value=run["notes"]).props("outlined dense autogrow maxlength=4000 data-notes")
-        notes.classes("w-full")
-        tags = ui.input("Tags, with spaces or commas between", value=" ".join(run["tags"])).props(
-            "outlined dense data-tags"
-        )
-        tags.classes("w-full")
-        with ui.element("div").classes("sinew-row"):
-            plain_button("Keep notes and tags", "", note, needs_operator=True).props("data-keep")
-            plain_button("Put into the bin", "", put_away, needs_operator=True).props("data-bin")
-            why_not()
 
 
 def _compared(first: str, compared: dict[str, Any]) -> None:
@@ -547,28 +396,17 @@ def _compared(first: str, compared: dict[str, Any]) -> None:
                 for sentence in compared["sentences"]:
                     ui.label(sentence)
         return
-    rows = []
-    for row in compared["rows"]:
-        about = QUANTITIES[row["quantity"]]
-        rows.append(
-            {
-                "key": f"{row['run']} {row['pretension_mm']} {row['quantity']}",
-                "run": row["run"],
-                "mm": f"{row['pretension_mm']:g}",
-                "name": about.words,
-                "first": quantity(row["first"], about.unit),
-                "other": quantity(row["other"], about.unit),
-                "difference": quantity(row["difference"], about.unit),
-                "sure": row["sentence"],
-            }
-        )
+    labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "first": first, "other": "the other"}
+    labels |= {"difference": "difference, 90 % interval", "sure": "significant"}
     with card(f"Against {first}", 12):
         for sentence in compared["sentences"]:
             ui.label(sentence)
-        labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "first": first, "other": "the other"}
-        labels |= {"difference": "difference, 90 % interval", "sure": "significant"}
-        table = ui.table(rows=rows, columns=_columns(labels), row_key="key", pagination=12)
-        table.props("flat dense wrap-cells data-compared").classes("w-full")
+        rows = []
+        for row in compared["rows"]:
+            about = QUANTITIES[row["quantity"]]
+            estimates = (quantity(row[name], about.unit) for name in ("first", "other", "difference"))
+            rows.append((row["run"], f"{row['pretension_mm']:g}", about.words, *estimates, row["sentence"]))
+        tabulate(labels, rows, right=("mm", "difference")).props("data-compared")
 
 
 def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
@@ -628,21 +466,19 @@ def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> No
     with card("What was found", 12):
         for note in dict.fromkeys(notes):
             ui.label(note).classes("sinew-soft").props("data-note")
-        shown = [
-            {
-                "key": f"{row['run']} {row['pretension_mm']} {row['name']}",
-                "run": row["run"],
-                "mm": f"{row['pretension_mm']:g}",
-                "name": row["name"],
-                "value": quantity(row["estimate"], row["unit"]),
-            }
+        labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "value": "value, 90 % interval"}
+        cells = [
+            (
+                *([row["run"]] if len(found) > 1 else []),
+                f"{row['pretension_mm']:g}",
+                row["name"],
+                quantity(row["estimate"], row["unit"]),
+            )
             for row in rows
         ]
-        labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "value": "value, 90 % interval"}
         if len(found) == 1:
             del labels["run"]
-        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=20)
-        table.props("flat dense wrap-cells").classes("w-full")
+        tabulate(labels, cells, right=("mm", "value"))
 
 
 def _coupling(name: str, document: dict[str, Any]) -> None:
@@ -652,30 +488,29 @@ def _coupling(name: str, document: dict[str, Any]) -> None:
         return
     title = f"{name}: coupling at a bend of {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
     with card(title, 12):
-        shown = [
-            {
-                "key": f"{row['pretension_mm']} {row['frequency_hz']} {row['channel']}",
-                "mm": f"{row['pretension_mm']:g}",
-                "hz": f"{row['frequency_hz']:g}",
-                "channel": row["channel"].replace("-", " "),
-                "amplitude": quantity(row["amplitude_deg"], "°"),
-                "ratio": quantity(row["coupling_ratio"], "") if "coupling_ratio" in row else "–",
-                "lag": quantity(row["lag_behind_torsion_deg"], "°") if "lag_behind_torsion_deg" in row else "–",
-                "second": quantity(row["second_harmonic_deg"], "°"),
-            }
+        cells = [
+            (
+                f"{row['pretension_mm']:g}",
+                f"{row['frequency_hz']:g}",
+                row["channel"].replace("-", " "),
+                quantity(row["amplitude_deg"], "°"),
+                quantity(row["coupling_ratio"], "") if "coupling_ratio" in row else "–",
+                quantity(row["lag_behind_torsion_deg"], "°") if "lag_behind_torsion_deg" in row else "–",
+                quantity(row["second_harmonic_deg"], "°"),
+            )
             for row in rows
         ]
         labels = {"mm": "pretension / mm", "hz": "frequency / Hz", "channel": "motion", "amplitude": "amplitude"}
         labels |= {"ratio": "over the torsion", "lag": "lag behind it", "second": "at twice the frequency"}
-        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=12)
-        table.props("flat dense wrap-cells data-coupling").classes("w-full")
+        tabulate(labels, cells, right=("mm", "hz")).props("data-coupling")
         ui.label("Means over repeats with 90 % intervals; tilt in and out of the plane of the bend.").classes(
             "sinew-soft"
         )
 
 
-def _downloads(name: str) -> None:
+def _downloads(name: str, *, has_samples: bool) -> None:
     with card(f"Files of {name}", 6), ui.element("div").classes("sinew-row"):
-        ui.link("Samples over time", f"/run/{name}/samples").classes("sinew-button")
+        if has_samples:
+            ui.link("Samples over time", f"/run/{name}/samples").classes("sinew-button")
         for kind, label in _DOWNLOADS:
             ui.link(label, f"/download/{name}/{kind}").props(f"download data-kind={kind}").classes("sinew-button")

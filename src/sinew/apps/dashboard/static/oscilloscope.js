@@ -200,11 +200,11 @@ export class Oscilloscope {
     keep(KEPT, { base, isTriggered, isRead: this.cursors !== null, isSpectrum: this.spectrum !== null, maths: this.maths, lines: this.lines });
   }
 
-  // A rig begins: its lines, its legend, its choices. known: keys of those that have numbers.
-  begin(rig, name, known = rig.traces.map((trace) => trace.key)) {
+  // A rig begins: its lines, its legend, its choices.
+  begin(rig, name) {
     const keys = rig.traces.map((trace) => trace.key);
     this.rig = rig; this.units = new Map(rig.traces.map((trace) => [trace.key, trace.unit]));
-    this.panels = panelsOf(rig).map((panel) => ({ ...panel, lines: panel.lines.filter((line) => known.includes(line.key) || MATHS.some((one) => one.key === line.key)) }));
+    this.panels = panelsOf(rig);
     this.scope = new Scope($("sinew-scope"), this.panels);
     for (const [key, is] of Object.entries(this.lines)) this.scope.hidden[is ? "delete" : "add"](key);
     this.rows = keys.length;

@@ -11,7 +11,7 @@ async function begin() {
   scope.name(given.name);
   const said = await scope.pieces.begun;
   if (!said) { $("sinew-where").textContent = `The samples cannot be read: ${scope.pieces.trouble}`; return; }
-  scope.begin(said.rig, given.name, said.known);
+  scope.begin(said.rig, given.name);
   for (const { label, from_s } of said.segments) $("sinew-segment").append(new Option(`${from_s.toFixed(1)} s: ${label}`, String(from_s)));
   // It begins with what swings first; a run that does not swing, with its first seconds.
   const first = said.segments.find(({ label }) => /^(steady|free decay|tracking)/.test(label))?.from_s ?? 0;

@@ -3,10 +3,10 @@
 
 const config = JSON.parse(document.getElementById("sinew-config").textContent);
 const steering = `${location.protocol}//${location.hostname}:${config.steering_port}`;
-const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, HEARD_MS = 2500, CLAIM_MS = 3000;
+const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, HEARD_MS = 2500;
 const $ = (id) => document.getElementById(id);
 
-let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null, letGo = null;
+let status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null;
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -32,46 +32,20 @@ async function ask(path, body, more = {}) {
   return { code: answer.status, said };
 }
 
-// A tab keeps its ticket from page to page, so that who is in control stays so.
-function keep() {
-  try { sessionStorage.setItem("sinew-ticket", JSON.stringify([ticket, number, wasMine])); } catch { /* storage is off */ }
-}
-try { [ticket, number, wasMine] = JSON.parse(sessionStorage.getItem("sinew-ticket")) ?? [null, 0, false]; } catch { /* nothing was kept */ }
-
-async function takeTicket() {
-  const { code, said } = await ask("/ticket", {});
-  if (code !== 200 || !said.ticket) { ticket = null; return code === 200 ? 502 : code; }
-  ticket = said.ticket; number = said.number ?? 0;
-  keep();
-  claim();
-  return code;
-}
-
-function numbered(command, more) {
-  number += 1;
-  keep();
-  return { ticket, number, command, ...more };
-}
+// A tab has an id of its own, which it keeps from page to page, so that who is in control stays so.
+const letters = (bytes) => [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+let page = letters(crypto.getRandomValues(new Uint8Array(16)));
+try { page = sessionStorage.getItem("sinew-page") ?? page; sessionStorage.setItem("sinew-page", page); } catch { /* storage is off */ }
 
 async function send(command, more = {}) {
-  if (command === "emergency") { // it needs neither ticket nor number, and waits for nothing
-    const answer = await ask("/command", { command }, { keepalive: true });
-    if (answer.code === 401) signIn("Sign in to stop the bench from here, or stop it on the computer that serves.");
-    return { ok: answer.code < 300, code: answer.code, ...answer.said };
-  }
-  if (ticket === null && (await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
-  let answer = await ask("/command", numbered(command, more));
-  const isRepeated = answer.code === 409 && answer.said.number !== undefined; // another tab counts with this ticket
-  if (answer.code === 401 || answer.said.ticket === false || isRepeated) {
-    ticket = null;
-    if ((await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
-    answer = await ask("/command", numbered(command, more));
-  }
+  const isEmergency = command === "emergency"; // it needs no page, and goes out though this one is left
+  const answer = await ask("/command", isEmergency ? { command } : { page, command, ...more }, isEmergency ? { keepalive: true } : {});
+  if (answer.code === 401) signIn(isEmergency ? "Sign in to stop the bench from here, or stop it on the computer that serves." : `Sign in to ${words(command)}.`);
   return { ok: answer.code < 300, code: answer.code, ...answer.said };
 }
 
 function words(command) {
-  return { take: "take control", give: "hand over", continue: "go on with a run", shelve: "save", unshelve: "delete" }[command] ?? `${command} a run`;
+  return { take: "take control", give: "hand over", continue: "go on with a run", shelve: "save" }[command] ?? `${command} a run`;
 }
 
 async function command(name, more = {}) {
@@ -146,7 +120,7 @@ async function login(token) {
     method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }),
   });
   const said = await answer.json().catch(() => ({}));
-  if (answer.ok) { await takeTicket().catch(() => null); poll(); return ""; } // without one, the first command takes it
+  if (answer.ok) { poll(); return ""; }
   return said.sentence ?? `The token was not accepted (${answer.status}).`;
 }
 
@@ -158,22 +132,26 @@ const dialog = element("dialog", { "aria-labelledby": "sinew-sign-in", "aria-mod
   element("form", { method: "dialog", onsubmit: async (event) => {
     event.preventDefault();
     tokenTrouble.textContent = await login(tokenField.value.trim());
-    if (!tokenTrouble.textContent) { closeDialog(); tokenField.value = ""; if (config.locked) location.reload(); }
+    if (!tokenTrouble.textContent) { closeDialog(); tokenField.value = ""; goOn(); }
   } },
     element("h2", { id: "sinew-sign-in" }, "Sign in"), tokenWhy,
     element("label", { for: "sinew-token" }, "Token, as ", element("code", {}, "sinew serve"), " printed it"), tokenField, tokenTrouble,
     element("div", { class: "sinew-row" },
       element("button", { type: "submit", class: "sinew-button main" }, "Sign in"),
-      element("button", { type: "button", class: "sinew-button", onclick: () => closeDialog() }, "Only watch"))));
+      ...(config.locked ? [] : [element("button", { type: "button", class: "sinew-button", onclick: () => closeDialog() }, "Only watch")]))));
 const veil = element("div", { id: "sinew-veil", hidden: true });
 const covered = () => [$("app"), document.querySelector(".sinew-header"), $("sinew-notices"), document.querySelector("main.nicegui-content")].filter(Boolean);
 let before = null;
 
 function signIn(why = "") {
-  if ($("sinew-sign-in-form")) return; // this page asks for the token itself
   tokenWhy.textContent = why; tokenTrouble.textContent = "";
   if (!dialog.open) { before = document.activeElement; dialog.show(); veil.hidden = false; covered().forEach((part) => { part.inert = true; }); }
   tokenField.focus();
+}
+// A page that took the token is there now.
+function goOn() {
+  if (location.pathname === "/login") location.replace("/");
+  else if (config.locked) location.reload();
 }
 function closeDialog() {
   dialog.close(); veil.hidden = true; covered().forEach((part) => { part.inert = false; });
@@ -185,10 +163,22 @@ const voice = element("div", { id: "sinew-voice", role: "status", "aria-live": "
 $("sinew-emergency").addEventListener("click", emergency);
 for (const name of ["pause", "resume", "stop", "hold", "release"]) $(`sinew-${name}`).addEventListener("click", () => command(name));
 $("sinew-take").addEventListener("click", () => {
-  if (!status?.signed_in && ticket === null) { signIn("Sign in to take control."); return; }
-  handing = Boolean(status?.operator?.mine); // whoever hands over need not be told of it
-  command(handing ? "give" : "take");
+  if (!status?.signed_in) { signIn("Sign in to take control."); return; }
+  handing = Boolean(status.operator?.mine); // whoever hands over need not be told of it
+  if (status.operator && !handing) takeOver(); else command(handing ? "give" : "take");
 });
+$("sinew-out").addEventListener("click", async () => {
+  await ask("/logout", {}).catch(() => null);
+  location.reload();
+});
+
+function takeOver() {
+  notice("take", "warn", { title: `Another page is in control since ${at(status.operator.since)}`,
+    lines: ["Perhaps it is another window of yours. A run goes on as it is; that page only watches then."],
+    actions: [["sinew-take-sure", "Take over", () => { notice("take"); command("take", { confirmed: true }); }],
+      ["sinew-take-not", "Leave it", () => notice("take")]] });
+  $("sinew-take-sure").focus();
+}
 
 function clock(seconds) {
   const s = Math.max(0, Math.round(seconds));
@@ -198,7 +188,7 @@ function clock(seconds) {
 const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false });
 const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
 
-const DOING = { starting: "begins", found: "running", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
+const DOING = { starting: "begins", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
 const BEGINS = ["starting", "preparing"];
 const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
 
@@ -210,7 +200,7 @@ function mayStart() {
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
   if (!status.signed_in) return "Sign in and take control to start.";
   if (status.operator && !status.operator.mine) return "Another page is in control: take over to start.";
-  if (status.run) return `The run ${status.run.name} is under way.`;
+  if (status.run ?? status.elsewhere) return `The run ${status.run?.name ?? status.elsewhere} is under way.`;
   if (status.stopping) return "The bench is being brought to rest.";
   return "";
 }
@@ -226,6 +216,7 @@ function show() {
     how = state === "silent" ? "bad" : ["paused", "pausing", "stopping"].includes(state) ? "warn" : "good";
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
+  else if (status.elsewhere) { text = `${status.elsewhere} runs in a terminal`; how = "warn"; }
   else if (hasEnded()) { text = "has ended"; how = "bad"; }
   else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
@@ -236,12 +227,13 @@ function show() {
   const who = $("sinew-who");
   put(who, status !== null && !status.signed_in ? "You only watch" : !operator ? "Nobody is in control" : mine ? "You are in control"
     : `Another page is in control since ${at(operator.since)}`);
-  const hint = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours, or one that was closed a moment ago: Take over steers from here." : "";
+  const hint = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours: Take over steers from here." : "";
   who.title = `${who.textContent}. ${hint}`.trim();
   put($("sinew-take"), mine ? "Give control up" : operator ? "Take over" : "Take control");
   $("sinew-take").disabled = reachable === false || status === null;
+  $("sinew-out").hidden = !status?.signed_in;
   const steers = mine && reachable !== false, may = steers && Boolean(run);
-  $("sinew-pause").disabled = !may || !["running", "found"].includes(state);
+  $("sinew-pause").disabled = !may || state !== "running";
   $("sinew-resume").disabled = !may || !["paused", "pausing"].includes(state);
   $("sinew-stop").disabled = !may || state === "finishing";
   $("sinew-hold").disabled = !may || state === "finishing"; // at rest there is nothing to hold
@@ -282,13 +274,14 @@ function tell(run, state, last, mine) {
     lines: ["sinew serve does not answer. The stop does not reach the bench: use the switch of the power supply if it must stop."] });
   if (status === null) return;
   if (wasMine && !mine && !handing) {
-    const taken = Boolean(status.operator), when = at(status.operator?.since ?? status.time_s);
-    notice("deposed", "warn", { title: taken ? `Another page took control at ${when}` : "This page is not in control any more",
-      lines: [taken ? "This page only watches now; take over to steer again." : "It was not heard of for a while; take control to steer again."],
+    const when = at(status.operator?.since ?? status.time_s);
+    notice("deposed", "warn", { title: status.operator ? `Another page took control at ${when}` : "This page is not in control any more",
+      lines: ["This page only watches now; take control to steer again."],
       actions: [["sinew-seen", "Close", () => notice("deposed")]] });
   }
   if (mine) notice("deposed");
-  if (mine !== wasMine) { wasMine = mine; keep(); }
+  wasMine = mine;
+  if (mine || !status.operator) notice("take");
   const stop = status.emergency, isNew = stop?.was_emergency && !run; // the steward forgets it when a run begins
   if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
   else if (isNew) {
@@ -326,14 +319,14 @@ async function poll() {
   const turn = asked += 1;
   let code = null, said = null;
   try {
-    ({ code, said } = await ask("/status", undefined, ticket ? { headers: { "x-sinew-ticket": ticket } } : {}));
+    ({ code, said } = await ask("/status", undefined, { headers: { "x-sinew-page": page } }));
   } catch { /* nothing came */ }
   if (turn < newest) return;
   newest = turn;
   reachable = code !== null && code < 500;
   if (reachable) heard = performance.now();
   if (code !== null) status = code === 200 ? said : null;
-  if (code === 401) signIn("This page is for those who have its token.");
+  if (code === 401 && !dialog.open) signIn("This page is for those who have its token.");
   show();
 }
 
@@ -346,13 +339,6 @@ addEventListener("keydown", (event) => {
     if (event.timeStamp - lastEscape < DOUBLE_MS) { lastEscape = -Infinity; emergency(); } else lastEscape = event.timeStamp;
   }
 }, true);
-
-// A page that is left says so; the next one of the same tab is heard of at once, and keeps control.
-addEventListener("pagehide", () => {
-  letGo?.();
-  if (ticket !== null) navigator.sendBeacon(`${steering}/leave`, new Blob([JSON.stringify({ ticket })], { type: "text/plain" }));
-});
-addEventListener("pageshow", async (event) => { if (event.persisted) { await claim(); poll(); } });
 
 // The box of the pages' library would lie over the stop; what it has to say is said among the notices.
 const box = $("popup");
@@ -380,34 +366,18 @@ window.Sinew = {
 document.body.append(voice, veil, dialog);
 new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready", "data-operator"] });
 
-// A tab that was duplicated has the ticket of the other: only one of them may keep it. The page before this one in the
-// same tab may hold it for a moment yet, so it is waited for.
-async function claim() {
-  if (ticket === null || !navigator.locks) return;
-  const held = ticket;
-  await new Promise((go) => navigator.locks.request(`sinew ${held}`, { signal: AbortSignal.timeout(CLAIM_MS) }, () => {
-    go();
-    return new Promise((over) => { letGo = over; });
-  }).catch((trouble) => {
-    if (trouble.name === "TimeoutError" && ticket === held) { ticket = null; number = 0; wasMine = false; }
-    go();
-  }));
-}
-await claim();
-
 // Signs in by the token of the address, where it has one. The address may come into a tab that shows a page already.
 async function enter() {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (!given) return false;
+  if (!given) return;
   history.replaceState(null, "", location.pathname + location.search);
   const trouble = await login(given).catch((lost) => `The bench could not be reached (${lost.message}).`);
-  if (trouble) { signIn(trouble); put($("said"), trouble); }
-  else if (location.pathname === "/login") location.replace("/");
-  else if (config.locked) location.reload();
-  else if (dialog.open) closeDialog();
-  return true;
+  if (trouble) { signIn(trouble); return; }
+  if (dialog.open) closeDialog();
+  goOn();
 }
 addEventListener("hashchange", enter);
-if (!await enter() && ticket === null) await takeTicket().catch(() => null);
+await enter();
 await poll();
+if (location.pathname === "/login" && !status?.signed_in) signIn();
 setInterval(() => { poll(); tellLost(); }, POLL_MS);

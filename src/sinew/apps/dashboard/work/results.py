@@ -1,24 +1,18 @@
 """Results of a run: of one that has ended made once and read from then on, of one under way group by group."""
 
-import hashlib
-import json
 import math
 import re
-import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sinew.analysis.run_index import QUANTITIES
+from sinew.analysis.runs import QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
-from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
-from sinew.apps.dashboard.work.runs import RECORDING, RESULTS, name_in
+from sinew.apps.dashboard.folders import CACHE, RECORDING, RESULTS, held_inside, name_in, unlinked
 from sinew.bench.record.journal import is_being_written
-from sinew.measure.doors import write_atomically
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
 
@@ -28,8 +22,6 @@ if TYPE_CHECKING:
 
     from sinew.bench.record.journal import Stretch
     from sinew.plan.rig import RigSpec
-
-_RESULTS, _VERSION = "results.json", 3
 
 _QUANTITIES = {name: (about.words, about.unit) for name, about in QUANTITIES.items()}
 _QUANTITIES |= {"drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°")}
@@ -56,43 +48,7 @@ def run_results(folder: Path | str) -> dict[str, Any]:
             "doubts": [],
             "source": None,
         }
-    kept = kept_results(folder)
-    if kept is None:
-        recording_of(folder)
-        kept = _keep(folder, _document(results_of(folder)[1]))
-    return kept
-
-
-def kept_results(folder: Path | str) -> dict[str, Any] | None:
-    """Return what `run_results` does where it is known without analysing or reading a recording, else None."""
-    folder = unlinked(Path(folder))
-    if is_being_written(folder / JOURNAL) or (made_from := _made_from(folder)) is None:
-        return None
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        stored = json.loads((folder / CACHE / _RESULTS).read_text(encoding="utf-8"))
-        if stored["stamp"] == made_from:
-            return dict(stored["results"])
-    results = _stored(folder)
-    return None if results is None else _keep(folder, _document(results))
-
-
-def _made_from(folder: Path) -> list[int] | None:
-    """Return what tells one recording from another, or results where there is nothing else; None without either."""
-    is_alone = not (folder / RECORDING).exists() and not (folder / JOURNAL).exists()
-    with suppress(OSError):
-        about = (folder / (RESULTS if is_alone else RECORDING)).stat()
-        return [_VERSION, about.st_size, about.st_mtime_ns]
-    return None
-
-
-def _keep(folder: Path, results: dict[str, Any]) -> dict[str, Any]:
-    """Write down what was found, for the next time, and return it."""
-    with suppress(SinewError, OSError):
-        from sinew.apps.console import write_json
-
-        (folder / CACHE).mkdir(exist_ok=True)
-        write_json({"stamp": _made_from(folder), "results": results}, folder / CACHE / _RESULTS)
-    return results
+    return _document(results_of(folder))
 
 
 def recording_of(folder: Path) -> Path:
@@ -120,24 +76,26 @@ def load_own(folder: Path) -> "xr.Dataset":
         return load_recording(path)
 
 
-def _stored(folder: Path) -> "xr.Dataset | None":
-    """Return the results that lie in a run's folder, if they were made from the recording there, or there is none.
+def results_of(folder: Path) -> "xr.Dataset":
+    """Return the results that lie in a run's folder; they are made where there are none of the recording there.
 
-    What the recording is, it says in its attributes; no sample is read.
+    What the recording is, it says in its attributes; no sample is read where nothing is to be made.
     """
     from sinew.analysis.analysed import recording_rig
-    from sinew.apps.recordings.stored import stored_results
+    from sinew.apps.recordings.stored import analyse_into, stored_results
     from sinew.measure.files.netcdf import load_results
 
-    if not (folder / RESULTS).is_file():
-        return None
-    with held_inside(folder.parent, folder / RESULTS) as results:
-        if not (folder / RECORDING).exists():
+    if (folder / RESULTS).is_file() and not (folder / RECORDING).exists() and not (folder / JOURNAL).exists():
+        with held_inside(folder.parent, folder / RESULTS) as results:
             return load_results(results)
-        about = _attributes(folder)
-        if "content_hash" not in about.attrs:
-            return None
-        return stored_results(results, about, recording_rig(about, None))
+    recording_of(folder)
+    about = _attributes(folder)
+    about = about if "content_hash" in about.attrs else load_own(folder)
+    rig, stored = recording_rig(about, None), None
+    if (folder / RESULTS).is_file():
+        with held_inside(folder.parent, folder / RESULTS) as results:
+            stored = stored_results(results, about, rig)
+    return analyse_into(folder, load_own(folder), rig) if stored is None else stored
 
 
 def _attributes(folder: Path) -> "xr.Dataset":
@@ -195,21 +153,10 @@ def _untold(results: "xr.Dataset") -> str:
     return re.sub(r"^\S+ mm, repeat \d+: ", "", first)
 
 
-def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
-    """Return (recording, results) of a run; results that belong to another recording are made anew."""
-    from sinew.analysis.analysed import recording_rig
-    from sinew.apps.recordings.stored import analyse_into, stored_results
-
-    recording = load_own(folder)
-    rig = recording_rig(recording, None)
-    results = stored_results(folder / "results.nc", recording, rig)
-    return recording, analyse_into(folder, recording, rig) if results is None else results
-
-
 def _document(results: "xr.Dataset") -> dict[str, Any]:
-    from sinew.analysis.analysed import results_document
+    from sinew.analysis.analysed import recording_result
 
-    document = results_document(results)
+    document = recording_result(results).to_dict()
     curves = list(_curves(results)) if "gain" in results else []
     notes = [str(results.attrs.get(name, "")) for name in ("resonance_notes", "ring_down_notes")]
     return {
@@ -307,43 +254,31 @@ def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
                 yield _row(float(pretension), quantity, _mean_of(values, np.full(values.shape, np.nan)))
 
 
-_PREDICTION = "prediction.json"
-
-
 def prediction_of_run(folder: Path | str) -> dict[str, Any]:
     """Return what was to be expected of a run that has a journal: `plan` and `rig`, its texts, and `curves` as of
-    `prediction_for_plan`; computed once for both. Raises FileError where there is no journal."""
-    from sinew.apps.console import write_json
+    `prediction_for_plan`. Raises FileError where there is no journal."""
     from sinew.apps.dashboard.work.design import prediction_for_plan
     from sinew.bench.record.journal import JournalReader
 
-    folder = unlinked(Path(folder))
-    with JournalReader(folder / JOURNAL) as journal:
+    with JournalReader(unlinked(Path(folder)) / JOURNAL) as journal:
         plan, rig = journal.plan_toml, journal.rig_toml
-    stamp = [_VERSION, hashlib.sha256(f"{plan}\0{rig}".encode()).hexdigest()]
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        stored = json.loads((folder / CACHE / _PREDICTION).read_text(encoding="utf-8"))
-        if stored["stamp"] == stamp:
-            return dict(stored["prediction"])
-    found = {"plan": plan, "rig": rig, "curves": prediction_for_plan(plan, rig)["curves"]}
-    with suppress(SinewError, OSError):
-        (folder / CACHE).mkdir(exist_ok=True)
-        write_json({"stamp": stamp, "prediction": found}, folder / CACHE / _PREDICTION)
-    return found
+    return {"plan": plan, "rig": rig, "curves": prediction_for_plan(plan, rig)["curves"]}
 
 
 # A run's files are made for who takes them along.
 
-FILES = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
+FILES = {"recording": "recording.nc", "csv": "recording.csv", "mat": "recording.mat", "report": "report.html"}
 """What can be had, and the name of its file."""
 
 
 def download(folder: Path | str, kind: str) -> Path:
-    """Return where a run's recording, CSV table (zipped), MATLAB file or report is, made where it is not yet.
+    """Return where a run's recording, CSV table, MATLAB file or report is, made where it is not yet.
 
     Made files lie in the cache of the run's folder; one that is older than its recording is made anew, whole or not
     at all. Raises SpecError for an unknown kind; FileError and RecordingError as `recording_of`.
     """
+    from sinew.measure.files.formats import export_recording
+
     folder = Path(folder)
     if kind not in FILES:
         raise SpecError(f"found a file of kind {kind!r}, expected one of {', '.join(FILES)}")
@@ -353,37 +288,19 @@ def download(folder: Path | str, kind: str) -> Path:
     path = folder / CACHE / FILES[kind]
     if path.is_file() and path.stat().st_mtime_ns >= recording.stat().st_mtime_ns:
         return path
-    make: dict[str, Callable[[Path, Path], None]] = {"csv": _csv, "mat": _mat, "report": _report}
-    make[kind](folder, path)
-    return path
-
-
-def _csv(folder: Path, path: Path) -> None:
-    from sinew.measure.files.export import export_csv
-
     path.parent.mkdir(exist_ok=True)
-    with TemporaryDirectory(dir=path.parent) as own:  # another process may make the same at the same time
-        table = Path(own) / f"{folder.name}.csv"
-        export_csv(load_own(folder), table)
-
-        def write(temporary: Path) -> None:
-            with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
-                packed.write(table, table.name)
-
-        write_atomically(path, write)
-
-
-def _mat(folder: Path, path: Path) -> None:
-    from sinew.measure.files.export import export_mat
-
-    export_mat(load_own(folder), path)
+    if kind == "report":
+        _report(folder, path)
+    else:
+        export_recording(load_own(folder), path, kind)
+    return path
 
 
 def _report(folder: Path, path: Path) -> None:
     from sinew.analysis.analysed import recording_rig
     from sinew.paper.report import draw_figures, write_report
 
-    recording, results = results_of(folder)
+    recording, results = load_own(folder), results_of(folder)
     figures = draw_figures(recording, results, path.with_name("figures"), formats=("png",))
     rebuild = str(recording.attrs.get("command", ""))
     write_report(path.parent, results=results, figures=figures, rig=recording_rig(recording, None), rebuild=rebuild)
@@ -394,25 +311,11 @@ def _report(folder: Path, path: Path) -> None:
 MOST_AT_ONCE = 120
 """Groups that one update analyses unless told otherwise; the rest wait for the next."""
 
-_STEADY = (
-    "gain",
-    "gain_std",
-    "gain_measured_drive",
-    "gain_measured_drive_std",
-    "phase_lag_rad",
-    "phase_std_rad",
-    "phase_delay_std_rad",
-    "settled",
-    "saturated_share",
-)
 _DECAY = {
     "damping_ratio": "damping_ratio_std",
     "decay_frequency_hz": "decay_frequency_std_hz",
     "decay_rate_per_s": "decay_rate_std_per_s",
 }
-
-Place = tuple[float, float]
-Key = tuple[int, int, int]
 
 
 def measured_so_far(journal_path: str) -> dict[str, Any]:
@@ -428,15 +331,24 @@ def _live(path: Path, inode: int) -> "LiveResults":
     return LiveResults(path)
 
 
+class _Group(NamedTuple):
+    """What a group of steady swings or decays says. numbers: by name, of its one repeat; note: where it says none."""
+
+    kind: str
+    pretension_mm: float
+    frequency_hz: float
+    repeat: int
+    numbers: dict[str, float]
+    note: str = ""
+
+
 @dataclass
 class LiveResults:
-    """What is known of a journal so far. A group that is measured again replaces what it said before."""
+    """What is known of a journal so far, by group, session and attempt: one that is measured again is another."""
 
     path: Path
-    steady: dict[Key, tuple[Place, int, dict[str, float]]] = field(default_factory=dict)
-    decays: dict[Key, tuple[float, int, dict[str, float]]] = field(default_factory=dict)
-    notes: dict[Key, str] = field(default_factory=dict)
     most_at_once: int = MOST_AT_ONCE
+    groups: dict[tuple[int, int, int], _Group] = field(default_factory=dict)
 
     def update(self) -> dict[str, Any]:
         """Analyse the groups that were finished since, and return all that is known.
@@ -453,123 +365,91 @@ class LiveResults:
 
         with JournalReader(self.path) as journal:
             rig, finished = parse_rig(journal.rig_toml), journal.finished()
-        keys = {(i, parts[-1].session, parts[-1].attempt): parts for i, parts in finished.items()}
-        for known in (self.steady, self.decays, self.notes):
-            for gone in known.keys() - keys.keys():
-                del known[gone]
-        fresh = [key for key in keys if key not in self.steady and key not in self.decays and key not in self.notes]
-        for batch in _batches({key: keys[key] for key in fresh[: self.most_at_once]}):
-            self._take(batch, rig)
+        last = {(i, parts[-1].session, parts[-1].attempt): parts[-1] for i, parts in finished.items()}
+        self.groups = {key: group for key, group in self.groups.items() if key in last}
+        fresh = [key for key in last if key not in self.groups]
+        for key in fresh[: self.most_at_once]:
+            self.groups[key] = self._analysed(key[0], last[key], rig)
         return {
-            "curves": _live_curves(list(self.steady.values())),
-            "damping": _damping(list(self.decays.values())),
-            "groups_done": len(keys),
+            "curves": self._curves(),
+            "damping": self._damping(),
+            "groups_done": len(last),
             "pending": max(0, len(fresh) - self.most_at_once),
-            "notes": [note for note in self.notes.values() if note],
+            "notes": [group.note for group in self.groups.values() if group.note],
         }
 
-    def _take(self, batch: "dict[Key, list[Stretch]]", rig: "RigSpec") -> None:
-        """Analyse some groups of one kind and one repeat."""
+    def _analysed(self, index: int, part: "Stretch", rig: "RigSpec") -> _Group:
         from sinew.bench.record.conversion import recording_from_journal
 
-        kind = next(iter(batch.values()))[-1].kind
-        if kind not in ("steady", "ring-down"):
-            self.notes |= dict.fromkeys(batch, "")
-            return
+        place = part.kind, part.asked.pretension_mm, part.asked.frequency_hz, part.asked.repeat
+        analyse = {"steady": _steady, "ring-down": _decay}.get(part.kind)
+        if analyse is None:
+            return _Group(*place, {})
         try:
-            recording = recording_from_journal(self.path, {key[0] for key in batch})
-            found = _steady(recording, rig) if kind == "steady" else _decays(recording, rig)
+            numbers = analyse(recording_from_journal(self.path, {index}), rig)
         except SinewError as trouble:
-            if len(batch) == 1:
-                self.notes[next(iter(batch))] = str(trouble)
-                return
-            for key, parts in batch.items():  # one that cannot be analysed must not hide the others
-                self._take({key: parts}, rig)
-            return
-        for key, parts in batch.items():
-            asked = parts[-1].asked
-            place = (asked.pretension_mm, asked.frequency_hz)
-            numbers = found.get(place if kind == "steady" else (asked.pretension_mm, float(asked.repeat)))
-            if numbers is None:
-                self.notes[key] = f"group {key[0] + 1} could not be analysed: it has holes, or lacks whole periods"
-            elif kind == "steady":
-                self.steady[key] = place, asked.repeat, numbers
-            else:
-                self.decays[key] = asked.pretension_mm, asked.repeat, numbers
+            return _Group(*place, {}, str(trouble))
+        lacks = f"group {index + 1} could not be analysed: it has holes, or lacks whole periods"
+        return _Group(*place, numbers, "" if numbers else lacks)
+
+    def _known(self, kind: str) -> list[_Group]:
+        """Return the groups of a kind that say something, in increasing order."""
+        known = (group for group in self.groups.values() if group.kind == kind and group.numbers)
+        return sorted(known, key=lambda group: (group.pretension_mm, group.frequency_hz, group.repeat))
+
+    def _curves(self) -> list[dict[str, Any]]:
+        curves = []
+        for pretension, level in groupby(self._known("steady"), key=lambda group: group.pretension_mm):
+            curves.append(_begun_curve(pretension))
+            for frequency, repeats in groupby(level, key=lambda group: group.frequency_hz):
+                _add_point(curves[-1], frequency, _table(list(repeats)))
+        return curves
+
+    def _damping(self) -> list[dict[str, Any]]:
+        rows = []
+        for pretension, level in groupby(self._known("ring-down"), key=lambda group: group.pretension_mm):
+            repeats = list(level)
+            table = _table(repeats)
+            row = {name: _mean_of(table[name], table[std]) for name, std in _DECAY.items()}
+            rows.append({"pretension_mm": pretension, **row, "repeats": len(repeats)})
+        return rows
 
 
-def _batches(fresh: "dict[Key, list[Stretch]]") -> "list[dict[Key, list[Stretch]]]":
-    """Return groups of one kind and repeat together: a pretension and frequency is there once at most."""
-    found: dict[tuple[str, int], dict[Key, list[Stretch]]] = {}
-    for key, parts in fresh.items():
-        found.setdefault((parts[-1].kind, parts[-1].asked.repeat), {})[key] = parts
-    return list(found.values())
-
-
-def _steady(recording: "xr.Dataset", rig: "RigSpec") -> dict[Place, dict[str, float]]:
-    """Return the numbers of each pretension [mm] and frequency [Hz] that could be analysed."""
+def _steady(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
+    """Return the numbers of a recording of one steady swing; none where it could not be analysed."""
     import numpy as np
 
     from sinew.analysis.sweep.response import estimate_response
 
     response = estimate_response(recording, rig)
     columns = response.columns | {"gain_std": response.nominal_gain_std * response.columns["gain"]}
-    found = {}
-    for p, f in np.ndindex(response.pretension_mm.size, response.frequency_hz.size):
-        if np.isfinite(columns["gain"][p, f, 0]):
-            place = float(response.pretension_mm[p]), float(response.frequency_hz[f])
-            found[place] = {name: float(columns[name][p, f, 0]) for name in _STEADY}
-    return found
+    numbers = {name: float(column.flat[0]) for name, column in columns.items()}
+    return numbers if np.isfinite(numbers["gain"]) else {}
 
 
-def _decays(recording: "xr.Dataset", rig: "RigSpec") -> dict[Place, dict[str, float]]:
-    """Return the numbers of each pretension [mm] and repeat that could be analysed."""
+def _decay(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
+    """Return the numbers of a recording of one free decay; none where it could not be analysed."""
     import numpy as np
 
     from sinew.analysis.decay.ring_down import analyse_ring_downs
 
     results = analyse_ring_downs(recording, rig.inertia.head.value + rig.inertia.lever.value)
-    found = {}
-    for p, r in np.ndindex(*results["damping_ratio"].shape):
-        if np.isfinite(results["damping_ratio"].values[p, r]):
-            place = float(results["pretension_mm"].values[p]), float(r)
-            found[place] = {name: float(results[name].values[p, r]) for name in (*_DECAY, *_DECAY.values())}
-    return found
+    damping = results["damping_ratio"].values
+    place = np.argwhere(np.isfinite(damping))  # of a repeat that is not the first, those before are empty
+    names = (*_DECAY, *_DECAY.values())
+    return {name: float(results[name].values[tuple(place[0])]) for name in names} if place.size else {}
 
 
-def _table(rows: list[tuple[int, dict[str, float]]], names: tuple[str, ...]) -> "dict[str, NDArray[Any]]":
+def _table(groups: list[_Group]) -> "dict[str, NDArray[Any]]":
     """Return each number over the repeats, (1, r), NaN where a repeat is not there yet."""
     import numpy as np
 
-    width = max(repeat for repeat, _ in rows) + 1
-    table = {name: np.full((1, width), np.nan) for name in names}
-    for repeat, numbers in rows:
-        for name in names:
-            table[name][0, repeat] = numbers[name]
+    width = max(group.repeat for group in groups) + 1
+    table = {name: np.full((1, width), np.nan) for name in groups[0].numbers}
+    for group in groups:
+        for name, number in group.numbers.items():
+            table[name][0, group.repeat] = number
     return table
-
-
-def _live_curves(steady: list[tuple[Place, int, dict[str, float]]]) -> list[dict[str, Any]]:
-    places: dict[Place, list[tuple[int, dict[str, float]]]] = {}
-    for place, repeat, numbers in steady:
-        places.setdefault(place, []).append((repeat, numbers))
-    curves: dict[float, dict[str, Any]] = {}
-    for pretension, frequency in sorted(places):
-        curve = curves.setdefault(pretension, _begun_curve(pretension))
-        _add_point(curve, frequency, _table(places[pretension, frequency], _STEADY))
-    return list(curves.values())
-
-
-def _damping(decays: list[tuple[float, int, dict[str, float]]]) -> list[dict[str, Any]]:
-    places: dict[float, list[tuple[int, dict[str, float]]]] = {}
-    for pretension, repeat, numbers in decays:
-        places.setdefault(pretension, []).append((repeat, numbers))
-    rows = []
-    for pretension in sorted(places):
-        table = _table(places[pretension], (*_DECAY, *_DECAY.values()))
-        row = {name: _mean_of(table[name], table[std]) for name, std in _DECAY.items()}
-        rows.append({"pretension_mm": pretension, **row, "repeats": len(places[pretension])})
-    return rows
 
 
 def _mean_of(values: "NDArray[Any]", stds: "NDArray[Any]", shared: float = 0.0, scale: float = 1.0) -> dict[str, Any]:

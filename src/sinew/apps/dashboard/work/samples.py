@@ -15,27 +15,23 @@ from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.folders import unlinked
 from sinew.apps.dashboard.judgement import alarm_limits
-from sinew.apps.dashboard.operators import held_inside, unlinked
-from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.bench.record.journal import JournalReader, Stretch, is_being_written
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError
 from sinew.measure.events import Contact, Event
-from sinew.plan.pose import STRAIGHT, Pose
+from sinew.plan.plan import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
-
-if TYPE_CHECKING:
-    import netCDF4
 
 # A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
 
@@ -238,15 +234,15 @@ def thin(time: Array, values: Array, bin_s: float) -> Thinned:
     return Thinned(number[first] * bin_s, low, high)
 
 
-# A run's samples lie in its journal, or in its recording alone; either is read row by row, and from 0 on.
+# A run's samples lie in its journal, the unfinished and the paused ones, too; their ids count from 1 without a gap.
 
 _APART_S = 1.0  # what follows where the clock is another
 
 
 @dataclass(frozen=True)
 class Span:
-    """Rows [first, end) of one clock. clock_s: what it showed at the first of them; begin_s, end_s: time of the run of
-    the first and of the last of them."""
+    """Samples [first, end) of one clock, by id. clock_s: what it showed at the first of them; begin_s, end_s: time of
+    the run of the first and of the last of them."""
 
     first: int
     end: int
@@ -255,67 +251,14 @@ class Span:
     end_s: float
 
 
-class Source(Protocol):
-    """Where the samples of a run lie.
-
-    rig, pose, sample_hz: as the run had them. keys: of the traces that can be had; None for all that a rig has.
-    contact: angles of the tendon motors at first contact [rad], where that is known.
-    """
-
-    rig: RigSpec
-    pose: Pose
-    sample_hz: float
-    keys: frozenset[str] | None
-    contact: Array | None
-
-    def spans(self) -> list[Span]:
-        """Return the stretches of one clock, in order of time."""
-        ...
-
-    def clock(self, row: int) -> float:
-        """Return the time of a row by its clock [s]."""
-        ...
-
-    def rows(self, first: int, end: int) -> dict[str, Array]:
-        """Return rows [first, end) by column, as `JournalReader.samples` names them."""
-        ...
-
-    def segments(self) -> list[tuple[str, float, float, int]]:
-        """Return (kind, pretension [mm], frequency [Hz], first row) of each segment."""
-        ...
-
-
-class _OfJournal:
-    """Samples in a journal, the unfinished and the paused ones, too. ids count from 1 without a gap."""
-
-    keys: frozenset[str] | None = None
-
-    def __init__(self, journal: JournalReader) -> None:
-        self._journal = journal
-        plan = parse_plan(journal.plan_toml)
-        self.rig, self.pose, self.sample_hz = parse_rig(journal.rig_toml), plan.rest_pose, plan.sample_hz
-        self.contact = journal.tendons_at_contact()
-
-    def spans(self) -> list[Span]:
-        return journal_spans(self._journal)
-
-    def clock(self, row: int) -> float:
-        return self._journal.clock(row + 1)
-
-    def rows(self, first: int, end: int) -> dict[str, Array]:
-        return self._journal.samples(first + 1, end + 1)
-
-    def segments(self) -> list[tuple[str, float, float, int]]:
-        found = self._journal.stretches()
-        return [(one.kind, one.asked.pretension_mm, one.asked.frequency_hz, one.first - 1) for one in found]
-
-
-def journal_spans(journal: JournalReader) -> list[Span]:
-    """Return the stretches of one clock in a journal: one of each time that a run wrote there; none before a sample."""
-    firsts = journal.first_samples()
-    ends = [*firsts[1:], journal.last_sample() + 1][: len(firsts)]
-    parts = [(a - 1, b - 1, journal.clock(a), journal.clock(b - 1)) for a, b in zip(firsts, ends, strict=True)]
-    return _joined(parts)
+def spans_of(journal: JournalReader) -> list[Span]:
+    """Return the stretches of one clock in a journal, in order of time: one of each time that a run wrote there."""
+    found: list[Span] = []
+    for first, end in pairwise([*journal.first_samples(), journal.last_sample() + 1]):
+        if end > first:
+            clock, at = journal.clock(first), found[-1].end_s + _APART_S if found else 0.0
+            found.append(Span(first, end, clock, at, at + journal.clock(end - 1) - clock))
+    return found
 
 
 # A journal is followed while it grows.
@@ -370,7 +313,7 @@ class JournalTail:
         touched = any(isinstance(event, Contact) for _, event in events)
         contact = reader.tendons_at_contact() if touched else None
         if rows and (session := reader.session(self._last)) != self._session:
-            newest = journal_spans(reader)[-1]
+            newest = spans_of(reader)[-1]
             self._session, self._zero_s = session, newest.clock_s - newest.begin_s
         done, epoch = reader.count_finished(), reader.epoch(self._session) if rows else math.nan
         return News(rows, events, reader.newest_stretch(), done, self._zero_s, contact, times, epoch)
@@ -380,134 +323,43 @@ class JournalTail:
         self._reader.close()
 
 
-_MOST_ROWS = 20_000_000  # of a recording: a day at 200 Hz
-_VECTORS = {"gyro_rad_s": ("gyro_{}_rad_s", "xyz"), "acceleration_m_s2": ("acceleration_{}_m_s2", "xyz")}
-_NEEDS = {
-    "drive_command": "drive_command_rad",
-    "drive": "drive_rad",
-    "torsion": "gyro_rad_s",
-    "drive_current": "drive_current_a",
-    "tilt": "tilt_rad",
-}
-
-
-class _OfRecording:
-    """Samples in a recording, where there is no journal: what the twin gave, or what was brought from elsewhere."""
-
-    contact: Array | None = None
-
-    def __init__(self, file: "netCDF4.Dataset", name: str) -> None:
-        self._columns = {key: column for key, column in file.variables.items() if column.dimensions[:1] == ("sample",)}
-        told = {key: str(getattr(file, key, "")) for key in ("rig", "plan")}
-        if "time_s" not in self._columns or "row_size" not in file.variables or not told["rig"]:
-            raise FileError(f"the recording of {name} holds no samples of a rig; look at its curves instead")
-        self._file, count = file, self._columns["time_s"].shape[0]
-        if count > _MOST_ROWS:
-            raise FileError(f"the recording of {name} has {count} samples, expected at most {_MOST_ROWS}")
-        self.rig = parse_rig(told["rig"])
-        plan = parse_plan(told["plan"]) if told["plan"] else None
-        self.pose = STRAIGHT if plan is None else plan.rest_pose
-        self._time = np.asarray(self._columns["time_s"][:], dtype=float)
-        steps = np.diff(self._time)
-        self.sample_hz = 1 / float(np.median(steps)) if steps.size else 200.0
-        tendons = [f"tendon_{i + 1}_current" for i in range(self.rig.tendons.count)]
-        known = {key for key, column in _NEEDS.items() if column in self._columns}
-        known |= {"torsion"} if "torsion_rad" in self._columns else set()
-        known |= set(tendons) if "tendon_current_a" in self._columns else set()
-        known |= {sensor.channel for sensor in self.rig.sensors if sensor.channel in self._columns}
-        self.keys: frozenset[str] | None = frozenset(known)
-
-    def spans(self) -> list[Span]:
-        steps = np.diff(self._time)
-        breaks = (np.flatnonzero((steps <= 0) | (steps > GAP_S)) + 1).tolist()
-        cuts = [0, *breaks, self._time.size] if self._time.size else [0]
-        parts = [(a, b, float(self._time[a]), float(self._time[b - 1])) for a, b in pairwise(cuts)]
-        return _joined(parts)
-
-    def clock(self, row: int) -> float:
-        return float(self._time[row])
-
-    def rows(self, first: int, end: int) -> dict[str, Array]:
-        read = {key: np.ma.filled(column[first:end].astype(float), np.nan) for key, column in self._columns.items()
-                if column.dtype.kind in "fiu"}  # fmt: skip
-        nothing = np.full(end - first, np.nan)
-        count = self.rig.tendons.count
-        vectors = _VECTORS | {f"tendon_{of}": (f"tendon_{{}}_{of}", range(1, count + 1)) for of in ("rad", "current_a")}
-        for key, (name, axes) in vectors.items():
-            table = read.pop(key, np.full((end - first, len(axes)), np.nan))
-            read |= {name.format(axis): table[:, i] for i, axis in enumerate(axes)}
-        whole = [*_NEEDS.values(), *(sensor.channel for sensor in self.rig.sensors)]
-        return {**dict.fromkeys(whole, nothing), "imu_time_s": read["time_s"], **read}
-
-    def segments(self) -> list[tuple[str, float, float, int]]:
-        about = {key: self._file.variables[key][:] for key in ("row_size", "kind", "pretension_mm", "frequency_hz")}
-        firsts = np.concatenate([[0], np.cumsum(about["row_size"])[:-1]]).astype(int)
-        numbers = [np.ma.filled(about[key].astype(float), np.nan) for key in ("pretension_mm", "frequency_hz")]
-        return [
-            (str(kind), float(mm), float(hz), int(first))
-            for kind, mm, hz, first in zip(about["kind"], *numbers, firsts, strict=True)
-        ]
-
-
-def _joined(parts: list[tuple[int, int, float, float]]) -> list[Span]:
-    """Return spans that follow one another in the time of the run. parts: first and end row, clock at both ends."""
-    found: list[Span] = []
-    for first, end, begin, last in parts:
-        if end > first:
-            at = found[-1].end_s + _APART_S if found else 0.0
-            found.append(Span(first, end, begin, at, at + last - begin))
-    return found
-
-
 GAP_S = 60.0
 """Between two samples of one clock there is less [s]: what lies before was another session of the run."""
 
 
 @contextmanager
-def opened(folder: Path | str) -> Iterator[Source]:
-    """Give where the samples of a run lie: its journal, or the recording where there is none. Raises FileError."""
+def opened(folder: Path | str) -> Iterator[JournalReader]:
+    """Give the samples of a run. Raises FileError where it has no journal."""
     folder = unlinked(Path(folder))
-    if (folder / JOURNAL).is_file():
-        with JournalReader(folder / JOURNAL) as journal:
-            yield _OfJournal(journal)
-        return
-    if not (folder / RECORDING).is_file():
-        raise FileError(f"{folder.name} holds no run; expected a {JOURNAL} or a {RECORDING} in it")
-    import netCDF4
-
-    with held_inside(folder.parent, folder / RECORDING) as path:
-        try:
-            file = netCDF4.Dataset(path)
-        except OSError as error:
-            raise FileError(f"the recording of {folder.name} cannot be read ({error})") from error
-        with file:
-            yield _OfRecording(file, folder.name)
+    if not (folder / JOURNAL).is_file():
+        raise FileError(f"{folder.name} has no {JOURNAL}, which holds the samples of a run; look at its curves instead")
+    with JournalReader(folder / JOURNAL) as journal:
+        yield journal
 
 
 _WARM_S = 30.0  # ten times the memory of the live torsion: what lies before makes 5e-5 of it
 
 
-def traces_between(source: Source, begin_s: float, end_s: float) -> tuple[Array, Array]:
+def traces_between(journal: JournalReader, begin_s: float, end_s: float) -> tuple[Array, Array]:
     """Return (time of the run [s], traces (c, n)) of what lies in [begin_s, end_s), a row without numbers where the
     clock changes. What has a memory, as the torsion, is begun half a minute before."""
-    channels = LiveChannels(source.rig, source.pose, source.sample_hz)
+    rig, plan, contact = parse_rig(journal.rig_toml), parse_plan(journal.plan_toml), journal.tendons_at_contact()
+    channels = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
     times, tables = [np.empty(0)], [np.empty((len(channels.channels), 0))]
-    for span in source.spans():
+    for span in spans_of(journal):
         if span.end_s < begin_s or span.begin_s >= end_s:
             continue
         warm, first, end = (
-            bisect_left(range(span.end), at - span.begin_s + span.clock_s, lo=span.first, key=source.clock)
+            bisect_left(range(span.end), at - span.begin_s + span.clock_s, lo=span.first, key=journal.clock)
             for at in (begin_s - _WARM_S, begin_s, end_s)
         )
         if end == first:
             continue
-        channels = LiveChannels(source.rig, source.pose, source.sample_hz)
-        if source.contact is not None:
-            channels.touch(source.contact)
-        rows = source.rows(warm, end)
+        channels = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
+        if contact is not None:
+            channels.touch(contact)
+        rows = journal.samples(warm, end)
         values = channels.take(rows)
-        if "torsion_rad" in rows and not np.isfinite(rows["gyro_x_rad_s"]).any():
-            values[TORSION] = np.degrees(rows["torsion_rad"])
         if times[-1].size:
             times.append(np.array([span.begin_s - 0.5 * _APART_S]))
             tables.append(np.full((values.shape[0], 1), np.nan))
@@ -540,39 +392,13 @@ Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """Time [s], least and largest values; these in single precision, for a day of them is kept."""
 
 
-@dataclass
-class _Parts:
-    """Parts of a run in bins of a second, those that were read: by number (time, low, high)."""
-
-    known: dict[int, Part] = field(default_factory=dict)
-
-    def at(self, source: Source, number: int, end_s: float) -> Part:
-        """Return a part; it is kept once nothing more can come to it."""
-        if number not in self.known:
-            begin = number * _PART_S
-            thinned = thin(*traces_between(source, begin, begin + _PART_S), _PART_BIN_S)
-            found = thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
-            if begin + _PART_S > end_s:
-                return found
-            while len(self.known) >= _MOST_PARTS:
-                del self.known[next(iter(self.known))]
-            self.known[number] = found
-        return self.known[number]
-
-
 @lru_cache(maxsize=2)
-def _parts_of(folder: str, inode: int, changed_ns: int) -> _Parts:
-    """Return the parts of a run that are known. inode: of its file, for a run may be deleted and another take its name;
-    changed_ns: of a recording, which is written whole."""
-    return _Parts()
+def _parts_of(folder: str, inode: int) -> dict[int, Part]:
+    """Return the parts of a run in bins of a second that are known, by number; a day of them is kept.
 
-
-def _parts(folder: Path) -> _Parts:
-    path = folder / JOURNAL
-    if path.is_file():
-        return _parts_of(str(folder), path.stat().st_ino, 0)
-    about = (folder / RECORDING).stat()
-    return _parts_of(str(folder), about.st_ino, about.st_mtime_ns)
+    inode: of its journal, for a run may be deleted and another take its name.
+    """
+    return {}
 
 
 def samples_piece(folder: str, level: int, number: int) -> bytes:
@@ -584,15 +410,16 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     level, number = int(np.clip(level, 0, MOST_LEVEL)), max(0, number)
     bin_s = 2**level / FINEST_HZ
     begin, end = number * PIECE_BINS * bin_s, (number + 1) * PIECE_BINS * bin_s
-    with opened(folder) as source:
-        spans = source.spans()
+    with opened(folder) as journal:
+        spans = spans_of(journal)
         until = spans[-1].end_s if spans else 0.0
         share = 1.0
         if level <= _READ_LEVEL:
-            time, low = traces_between(source, begin, end)
+            time, low = traces_between(journal, begin, end)
             high = low
         else:
-            (time, low, high), share = _put_together(source, _parts(Path(folder)), begin, min(end, until + 1.0), until)
+            parts = _parts_of(folder, (Path(folder) / JOURNAL).stat().st_ino)
+            (time, low, high), share = _put_together(journal, parts, begin, min(end, until + 1.0), until)
     thinned = thin(time, low, bin_s)
     upper = thinned.high if high is low else thin(time, high, bin_s).high
     same = thinned.high is thinned.low and high is low
@@ -607,16 +434,26 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     )
 
 
-def _put_together(source: Source, parts: _Parts, begin: float, end: float, until: float) -> tuple[Part, float]:
+def _put_together(
+    journal: JournalReader, parts: dict[int, Part], begin: float, end: float, until: float
+) -> tuple[Part, float]:
     """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
     numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
     began, found, has_read = monotonic(), [], False
     for number in numbers:
-        if number not in parts.known:
+        if number not in parts:
             if has_read and monotonic() - began > _SPENT_S:
                 break
-            has_read = True
-        found.append(parts.at(source, number, until))
+            has_read, first = True, number * _PART_S
+            thinned = thin(*traces_between(journal, first, first + _PART_S), _PART_BIN_S)
+            part = thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
+            if first + _PART_S > until:  # more may come to it
+                found.append(part)
+                continue
+            while len(parts) >= _MOST_PARTS:
+                del parts[next(iter(parts))]
+            parts[number] = part
+        found.append(parts[number])
     time, low, high = (np.concatenate([part[i] for part in found], axis=-1) for i in range(3))
     return (time, low, high), len(found) / len(numbers)
 
@@ -631,22 +468,20 @@ def dumped(document: dict[str, Any]) -> bytes:
 def samples_about(folder: str) -> bytes:
     """Return what there is of a run's samples, as JSON, without reading them.
 
-    {"rig": see `drawn_rig`, "known": keys of the traces that have numbers, "end_s": time of the newest sample,
+    {"rig": see `drawn_rig`, "end_s": time of the newest sample,
     "is_running", "period_s": of the samples, "segments": [{"label", "from_s"}], and of the ladder
     "piece_bins", "finest_hz", "most_level"}.
     Raises FileError.
     """
-    with opened(folder) as source:
-        spans = source.spans()
-        rig = drawn_rig(source.rig, source.pose)
+    with opened(folder) as journal:
+        spans, plan = spans_of(journal), parse_plan(journal.plan_toml)
         return dumped(
             {
-                "rig": rig,
-                "known": [c["key"] for c in rig["traces"] if source.keys is None or c["key"] in source.keys],
+                "rig": drawn_rig(parse_rig(journal.rig_toml), plan.rest_pose),
                 "end_s": spans[-1].end_s if spans else 0.0,
                 "is_running": is_being_written(Path(folder) / JOURNAL),
-                "period_s": 1.0 / source.sample_hz,
-                "segments": list(_labelled(source, spans)),
+                "period_s": 1.0 / plan.sample_hz,
+                "segments": list(_labelled(journal, spans)),
                 "piece_bins": PIECE_BINS,
                 "finest_hz": FINEST_HZ,
                 "most_level": MOST_LEVEL,
@@ -657,12 +492,13 @@ def samples_about(folder: str) -> bytes:
 _WORDS = {"settle": "settling", "ring-down": "free decay", "idle": "at rest", "pause": "paused"}
 
 
-def _labelled(source: Source, spans: list[Span]) -> Iterator[dict[str, Any]]:
-    for kind, mm, hz, first in source.segments():
-        span = next((one for one in spans if one.first <= first < one.end), None)
+def _labelled(journal: JournalReader, spans: list[Span]) -> Iterator[dict[str, Any]]:
+    for one in journal.stretches():
+        span = next((span for span in spans if span.first <= one.first < span.end), None)
         if span is not None:
-            words = [_WORDS.get(kind, kind), *(f"{x:g} {unit}" for x, unit in ((mm, "mm"), (hz, "Hz")) if x == x)]
-            at = source.clock(first) - span.clock_s + span.begin_s
+            numbers = ((one.asked.pretension_mm, "mm"), (one.asked.frequency_hz, "Hz"))
+            words = [_WORDS.get(one.kind, one.kind), *(f"{x:g} {unit}" for x, unit in numbers if x == x)]
+            at = journal.clock(one.first) - span.clock_s + span.begin_s
             yield {"label": ", ".join(words), "from_s": round(at, 4)}
 
 
@@ -678,9 +514,9 @@ def samples_spectrum(folder: str, begin_s: float, end_s: float) -> bytes:
     between two frequencies; the mean is taken off. Raises FileError.
     """
     begin_s = max(begin_s, end_s - _MOST_SPECTRUM_S)
-    with opened(folder) as source:
-        time, traces = traces_between(source, begin_s, end_s)
-        hz = source.sample_hz
+    with opened(folder) as journal:
+        time, traces = traces_between(journal, begin_s, end_s)
+        hz = parse_plan(journal.plan_toml).sample_hz
     if time.size < 16:
         raise FileError(f"found {time.size} samples in {begin_s:.2f} to {end_s:.2f} s, a spectrum needs 16")
     even = np.arange(time[0], time[-1], 1 / hz)

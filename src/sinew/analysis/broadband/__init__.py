@@ -1,1 +1,0 @@
-"""Records with a broad spectrum: frequency responses, and the poles in them."""

@@ -1,1 +1,0 @@
-"""Which law a record speaks for, and what it cannot tell."""

@@ -1,1 +1,0 @@
-"""The paper's open questions, one module each, and the answers that a recording gives to them."""
