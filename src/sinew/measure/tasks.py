@@ -319,9 +319,10 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
             results = client.gather(here)
         except (OSError, asyncio.CancelledError, CancelledError) as error:
             raise _LostError from error
-        for future, result in zip(here, results, strict=True):
-            yield place_of[future.key], result
+        places = [place_of[future.key] for future in here]
+        for future in here:  # before any is yielded: where a worker dies meanwhile, Dask computes what is asked for
             future.release()
+        yield from zip(places, results, strict=True)
         for future in (future for future in batch if future.status != "finished" and future.key in place_of):
             raise (future.exception() if future.status == "error" else None) or _LostError
 
