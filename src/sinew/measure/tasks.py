@@ -315,15 +315,16 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
     # Not `with_results`: a result that was being fetched when the scheduler went would be waited for for ever.
     for batch in completed(futures, loop=client.loop).batches():
         here = [future for future in batch if future.status == "finished"]
+        lost = [future for future in batch if future.status != "finished" and future.key in place_of]
         try:
             results = client.gather(here)
         except (OSError, asyncio.CancelledError, CancelledError) as error:
             raise _LostError from error
-        places = [place_of[future.key] for future in here]
-        for future in here:  # before any is yielded: where a worker dies meanwhile, Dask computes what is asked for
+        for future in here:  # before any is yielded, so that none is computed again; it is "cancelled" from here on
             future.release()
-        yield from zip(places, results, strict=True)
-        for future in (future for future in batch if future.status != "finished" and future.key in place_of):
+        for future, result in zip(here, results, strict=True):
+            yield place_of[future.key], result
+        for future in lost:
             raise (future.exception() if future.status == "error" else None) or _LostError
 
 
