@@ -3,7 +3,6 @@
 import math
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,7 @@ from sinew.plan.toml import (
     parse_plan,
     parse_rig,
     plan_faults,
+    read_spec,
 )
 
 ROOT = Path(__file__).parents[2]
@@ -48,17 +48,17 @@ def test_a_file_comes_before_a_shipped_name(here: Path) -> None:
     assert load_plan("paper.toml").name == "mine"
 
 
-@pytest.mark.parametrize(
-    ("name", "again"),
-    [
-        *((f"rigs/{name}", lambda text: dump_rig(parse_rig(text))) for name in list_shipped("rigs")),
-        *((f"plans/{name}", lambda text: dump_plan(parse_plan(text))) for name in list_shipped("plans")),
-    ],
-)
-def test_what_is_shipped_is_in_the_form_that_dump_gives(name: str, again: Callable[[str], str]) -> None:
-    text = (ROOT / f"{name}.toml").read_text(encoding="utf-8")
-    assert again(text) == text
-    assert name.startswith("rigs") or plan_faults(text) == []
+@pytest.mark.parametrize("name", list_shipped("rigs"))
+def test_a_rig_that_is_as_its_file_leaves_the_file_as_it_is(name: str) -> None:
+    text = read_spec("rigs", name)
+    assert dump_rig(load_rig(name), text) == text
+    assert parse_rig(dump_rig(load_rig(name))) == load_rig(name)
+
+
+@pytest.mark.parametrize("name", list_shipped("plans"))
+def test_a_shipped_plan_has_no_fault_and_is_written_whole(name: str) -> None:
+    assert plan_faults(read_spec("plans", name)) == []
+    assert parse_plan(dump_plan(load_plan(name))) == load_plan(name)
 
 
 def test_a_rig_that_is_changed_keeps_the_comments_of_its_file_and_the_lines_of_what_is_the_same() -> None:
@@ -104,7 +104,7 @@ RIG_FAULTS = {
     ),
     "key from nowhere": (r"\[bus\]", "[bus]\nzzz = 3", "expected one of stamp_jitter, drive_delay"),
     "unknown section": (r"\[bus\]", "[buss]", "unknown rig key buss; did you mean bus?"),
-    "missing parameter": ("count = 4\n", "", "rig key tendons.count is missing; expected a whole number"),
+    "missing parameter": ("count = 4\n", "", "rig key tendons.count is missing; expected a value"),
     "missing entry of a list": (
         r"pretension_mm = \[0, 16\]",
         "pretension_mm = [0]",
@@ -273,10 +273,10 @@ def test_no_text_keeps_the_reader_busy(text: str) -> None:
     assert time.process_time() - began < 2.0  # 8,000 parts of a key took 1.3 s, and twice as many four times as long
 
 
-def test_a_plan_of_ten_thousand_pretensions_is_refused_with_a_sentence() -> None:
+def test_a_plan_of_thousands_of_pretensions_is_refused_with_a_sentence() -> None:
     text = PLAN_TEXT.replace(re.findall(r"pretension_mm = \[.*?\]", PLAN_TEXT, re.DOTALL)[0], "pretension_mm = {}")
-    many = ", ".join(f"{number / 1000:g}" for number in range(10_000))
-    with pytest.raises(SpecError, match=r"found 10000 pretensions, expected at most 500; .*split the plan$"):
+    many = ", ".join(f"{number / 1000:g}" for number in range(5_000))
+    with pytest.raises(SpecError, match=r"found 5000 pretensions, expected at most 500; .*split the plan$"):
         parse_plan(text.replace("{}", f"[{many}]"))
 
 
