@@ -95,7 +95,7 @@ def test_the_table_has_a_row_for_each_run_and_pretension(index: RunIndex) -> Non
         ("f_r=..", "expected words and ranges"),
         ("f_r=3.2", "expected words and ranges"),
         ("f_r>3", "expected words and ranges"),
-        ("tag:aged", "expected words and ranges"),
+        ("tag:aged", "expected one of f_r"),
     ],
 )
 def test_a_search_that_cannot_be_understood_is_refused(index: RunIndex, search: str, said: str) -> None:

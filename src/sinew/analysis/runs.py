@@ -23,16 +23,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import scipy
-from scipy import special
+from scipy import optimize, special
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate, number, span
+from sinew.measure.result import Field, Result, Rows
 from sinew.measure.units import one_number
 from sinew.measure.validation import write_text
 
@@ -70,24 +70,16 @@ COMMON = ("resonance_hz", "damping_ratio", "gain_peak")
 """The three that every list shows."""
 
 _NAMES = [about.called[0] for about in QUANTITIES.values()]
-_SET_EXACTLY = 1e-6  # mm: a pretension is a number that was set
-_PRETENSION = ("pretension", "pretension_mm", "p")
-_PART = re.compile(r"([A-Za-z_]\w*)(=|[<>:!]=?)(.*)")
 
 
 def quantity_of(name: str) -> str:
     """Return the name in results of a quantity as people call it: fr, f_r, D, gain. Raises SpecError for another."""
-    found = _quantity_or_none(name)
-    if found is None:
-        raise SpecError(f"found the quantity {name!r}, expected one of {', '.join(_NAMES)}")
-    return found
-
-
-def _quantity_or_none(name: str) -> str | None:
-    called = {quantity: {quantity, *about.called} for quantity, about in QUANTITIES.items()}
-    exact = [quantity for quantity, names in called.items() if name in names]
-    folded = [quantity for quantity, names in called.items() if name.casefold() in map(str.casefold, names)]
-    return exact[0] if exact else folded[0] if len(folded) == 1 else None  # D and d are two
+    for same in (str, str.casefold):
+        called = [key for key, about in QUANTITIES.items() if same(name) in map(same, (key, *about.called))]
+        if len(called) == 1:  # D and d are two
+            return called[0]
+    near = "".join(f"; is {one} meant?" for one in get_close_matches(name, ["pretension", *_NAMES], 1))
+    raise SpecError(f"found the quantity {name!r}, expected one of {', '.join(_NAMES)}{near}")
 
 
 class Search(NamedTuple):
@@ -97,46 +89,37 @@ class Search(NamedTuple):
     ranges: tuple[tuple[str, float, float], ...]
 
 
+_SET_EXACTLY = 1e-6  # mm: what rounding makes of a pretension
+
+
 def parse_search(text: str) -> Search:
     """Return what is searched. Raises SpecError, naming the part, where it cannot be understood."""
     words, ranges = [], []
     for part in text.split():
-        found = _PART.fullmatch(part)
-        if found is None:
+        if (found := re.fullmatch(r"([A-Za-z_]\w*)(=|[<>:!]=?)(.*)", part)) is None:
             words.append(part.casefold())
             continue
         name, sign, value = found.groups()
-        column = "pretension_mm" if name.lower() in _PRETENSION else _quantity_or_none(name)
+        column = "pretension_mm" if name.lower() in ("pretension", "pretension_mm", "p") else quantity_of(name)
         low, dots, high = value.partition("..")
-        ends = _end(low, -math.inf), _end(high if dots else low, math.inf)
-        is_range = (low or high) if dots else (low and column == "pretension_mm")
-        if column is None or sign != "=" or not is_range or any(map(math.isnan, ends)):
-            near = get_close_matches(name, ["pretension", *_NAMES], 1) if column is None else []
+        one = column == "pretension_mm" and not dots  # a pretension is a number that was set
+        try:
+            ends = one_number(low) if low or one else -math.inf, one_number(high) if high else math.inf
+        except ValueError:
+            ends = math.nan, math.nan
+        if sign != "=" or not (one or (dots and value != "..")) or any(map(math.isnan, ends)):
             raise SpecError(
                 f"found {part!r} in the search, expected words and ranges of numbers as f_r=3..3.4, f_r=3.2.. or "
-                f"pretension=6, of pretension, {', '.join(_NAMES)}{f'; is {near[0]} meant?' if near else ''}"
+                f"pretension=6, of pretension, {', '.join(_NAMES)}"
             )
-        near_mm = 0.0 if dots else _SET_EXACTLY
-        ranges.append((column, min(ends) - near_mm, max(ends) + near_mm))
+        ranges.append((column, ends[0] - _SET_EXACTLY, ends[0] + _SET_EXACTLY) if one else (column, *sorted(ends)))
     return Search(tuple(words), tuple(ranges))
-
-
-def _end(text: str, without: float) -> float:
-    """Return an end of a range, NaN where it is no number."""
-    try:
-        return one_number(text) if text else without
-    except ValueError:
-        return math.nan
 
 
 INDEX = ".index.json"
 """File in the folder of the runs that holds what was read of them."""
 
-MOST_RUNS = 20_000
-"""So many folders are looked at; the rest are not in the index."""
-
 _VERSION = 3  # of what `read` gives; an index of another one is made again
-_MOST_TEXT = 4000
 _TEXTS = ("name", "started", "rig", "plan", "source", "state", "sentence")
 
 Look = Callable[[Path], str | None]
@@ -168,9 +151,8 @@ class RunIndex:
     ) -> int:
         """Read the folders that are new or have changed, forget those that are gone, and return how many are left out.
 
-        Left out is what was not read in the time there was, is beyond the most that there may be, or has a name that
-        cannot be printed. most_s: no folder is begun after so long [s]; the rest waits for the next refresh. progress:
-        gets (done, total). Raises FileError where the folder cannot be listed.
+        Left out is what was not read in the time there was, or has a name that cannot be printed. most_s:
+        no folder is begun after so long [s]; the rest waits for the next refresh. progress: gets (done, total). Raises FileError where the folder cannot be listed.
         """
         began = time.monotonic()
         stamps, left = self._folders()
@@ -202,7 +184,7 @@ class RunIndex:
             return {}, 0
         except OSError as error:
             raise FileError(f"cannot list {self.runs}: {error.strerror or error}; name a folder of runs") from error
-        names = sorted(name for name in folders if name.isprintable())[:MOST_RUNS]
+        names = sorted(name for name in folders if name.isprintable())
         stamps = {name: stamp for name in names if (stamp := self._look(self.runs / name)) is not None}
         return stamps, len(folders) - len(names)
 
@@ -211,10 +193,8 @@ class RunIndex:
             row = self._read(folder)
         except Exception as trouble:  # whatever lies in a folder, the others are listed
             reason = " ".join(str(trouble).split()) or type(trouble).__name__
-            return "", {"name": folder.name, "state": "damaged", "sentence": reason[:_MOST_TEXT], "found": []}
-        short = {key: value[:_MOST_TEXT] for key, value in row.items() if isinstance(value, str)}
-        known = [_known(one) for one in row.get("found", []) if math.isfinite(one["pretension_mm"])]
-        return stamp, row | short | {"name": folder.name, "found": sorted(known, key=lambda one: one["pretension_mm"])}
+            return "", {"name": folder.name, "state": "damaged", "sentence": reason, "found": []}
+        return stamp, row | {"name": folder.name, "found": sorted(row["found"], key=lambda one: one["pretension_mm"])}
 
     def table(self) -> pd.DataFrame:
         """Return a row for each run and pretension, the newest run first; one row of NaN for a run that found nothing.
@@ -251,13 +231,6 @@ class RunIndex:
         return found
 
 
-def _known(one: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was found at a pretension, without the quantities that have no value; what is NaN is None."""
-    row: dict[str, Any] = {"pretension_mm": float(one["pretension_mm"])}
-    estimates = {name: Estimate.from_json(one[name]) for name in QUANTITIES if one.get(name) is not None}
-    return row | {name: found.to_json() for name, found in estimates.items() if math.isfinite(found.value)}
-
-
 # What a quantity did over months.
 
 DAYS_OF_A_MONTH = 365.2425 / 12
@@ -265,8 +238,6 @@ DAYS_OF_A_MONTH = 365.2425 / 12
 
 FEWEST_RUNS = 3
 """So many runs a line with an interval needs at least."""
-
-_SECONDS_OF_A_DAY = 86_400.0
 
 _APART_DAYS = 0.5
 """How far first and last run are apart at least: as from an evening to the next morning. An afternoon is shorter, also
@@ -286,14 +257,11 @@ class Line:
     between: float
     degrees_of_freedom: int
 
-    def at(self, days: Array) -> Array:
-        """Return the line, shape of days."""
-        return np.asarray(self.middle.value + self.slope.value * (days - self.centre))
-
-    def half(self, days: Array) -> Array:
-        """Return half of the width of its 90 % interval, shape of days."""
+    def at(self, days: Array) -> tuple[Array, Array]:
+        """Return the line and half of the width of its 90 % interval, each of the shape of days."""
         std = np.hypot(self.middle.std, self.slope.std * (days - self.centre))
-        return np.asarray(float(special.stdtrit(self.degrees_of_freedom, 0.95)) * std)
+        half = float(special.stdtrit(self.degrees_of_freedom, 0.95)) * std
+        return self.middle.value + self.slope.value * (days - self.centre), half
 
 
 def fit_line(days: Array, values: Array, stds: Array) -> Line | None:
@@ -310,96 +278,56 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line | None:
 
     def fitted(between: float) -> tuple[float, float, float, Array, float]:
         weight = 1.0 / (own + between)
-        centre = float(weight @ days / weight.sum())
+        centre, middle = (float(weight @ one / weight.sum()) for one in (days, values))
         away = days - centre
         slope = float(weight @ (away * values) / (weight @ away**2))
-        middle = float(weight @ values / weight.sum())
-        squares = float(weight @ (values - middle - slope * away) ** 2)
-        return slope, middle, centre, weight, squares
+        return slope, middle, centre, weight, float(weight @ (values - middle - slope * away) ** 2)
 
     between = 0.0
     if fitted(0.0)[-1] > freedom:
         most = float(np.ptp(values)) ** 2 * days.size + float(own.max())
-        between = float(scipy.optimize.brentq(lambda one: fitted(one)[-1] - freedom, 0.0, most, rtol=1e-6))
+        between = float(optimize.brentq(lambda one: fitted(one)[-1] - freedom, 0.0, most, rtol=1e-6))
     slope, middle, centre, weight, squares = fitted(between)
     scale = math.sqrt(max(1.0, squares / freedom))
-    of_slope = scale / math.sqrt(float(weight @ (days - centre) ** 2))
-    of_middle = scale / math.sqrt(float(weight.sum()))
-    return Line(
-        Estimate.student(slope, of_slope, freedom),
-        Estimate.student(middle, of_middle, freedom),
-        centre,
-        math.sqrt(between),
-        freedom,
-    )
+    stds = scale / np.sqrt([weight @ (days - centre) ** 2, weight.sum()])
+    both = (Estimate.student(one, float(std), freedom) for one, std in zip((slope, middle), stds, strict=True))
+    return Line(*both, centre, math.sqrt(between), freedom)
 
 
-@dataclass(frozen=True)
-class Trend:
+@dataclass(frozen=True, repr=False)
+class TrendPoint(Result):
+    """What one run found. started: its begin (ISO 8601)."""
+
+    run: Annotated[str, Field("run")]
+    started: Annotated[str, Field("begin")]
+    value: Annotated[Estimate, Field("value", "interval")]
+
+
+@dataclass(frozen=True, repr=False)
+class Trend(Result):
     """A quantity over months, at one pretension, of the runs of one rig and source.
 
-    runs, started: name and begin (ISO 8601) of each run, oldest first. values: of each. line: None where there are too
-    few.
+    title: name of the rig, where the runs come from if not from a bench, and the pretension. points: oldest first.
+    slope_per_month, between_runs_std, differs_from_zero, line: None where there are too few runs.
     """
 
-    quantity: str
-    rig: str
-    source: str
-    pretension_mm: float
-    runs: tuple[str, ...]
-    started: tuple[str, ...]
-    values: tuple[Estimate, ...]
+    title: Annotated[str, Field("of")]
+    quantity: Annotated[str, Field("", "detail")]
+    rig: Annotated[str, Field("", "detail")]
+    source: Annotated[str, Field("", "detail")]
+    pretension_mm: Annotated[float, Field("", "detail")]
+    points: Annotated[Rows[TrendPoint], Field("", "detail")]
+    runs: Annotated[int, Field("runs")]
+    slope_per_month: Annotated[Estimate | None, Field("a month (90 %)", "interval", unit="")]
+    between_runs_std: Annotated[float | None, Field("between runs")]
+    differs_from_zero: Annotated[bool | None, Field("", "detail")]
+    sentence: Annotated[str, Field("", "sentence")]
     line: Line | None
 
     @property
     def days(self) -> Array:
         """Days of the begins since 1970, shape (n,)."""
-        return np.array([_days(one) for one in self.started])
-
-    @property
-    def title(self) -> str:
-        """Name of the rig, where the runs come from if not from a bench, and the pretension."""
-        of = "" if self.source in ("bench", "") else f" ({self.source})"
-        return f"{self.rig or 'no rig'}{of}, {self.pretension_mm:g} mm"
-
-    @property
-    def per_month(self) -> Estimate | None:
-        """Slope of the line for a month."""
-        return None if self.line is None else self.line.slope.times(DAYS_OF_A_MONTH)
-
-    @property
-    def sentence(self) -> str:
-        """Whether it changes."""
-        about, days, slope = QUANTITIES[self.quantity], self.days, self.per_month
-        name = f"{about.called[0]} at {number(self.pretension_mm)} mm"
-        if slope is None:
-            count = f"{days.size} run{'s' if days.size != 1 else ''}"
-            short = " of one day" if days.size >= FEWEST_RUNS else ""
-            return f"{name}: {count}{short}, too few for a line; at least {FEWEST_RUNS} runs on 2 days are needed."
-        unit = f"{about.unit} a month".strip()
-        over = f"over {days.size} runs in {number(np.ptp(days) / DAYS_OF_A_MONTH, 2)} months"
-        if not _is_off_zero(slope):
-            ends = span(slope.low, slope.high, unit)
-            return f"{name} does not change beyond its uncertainty: {ends} (90 %), {over}; zero is among it."
-        changes = "rises" if slope.value > 0 else "falls"
-        near, far = sorted((abs(slope.low), abs(slope.high)))
-        return f"{name} {changes} by {number(abs(slope.value), 2)} {unit} (90 %: {span(near, far)}), {over}: not zero."
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as `sinew runs --trend --json` prints it."""
-        points = zip(self.runs, self.started, self.values, strict=True)
-        slope = self.per_month
-        return {
-            "quantity": self.quantity,
-            "rig": self.rig,
-            "source": self.source,
-            "pretension_mm": self.pretension_mm,
-            "points": [{"run": name, "started": at, self.quantity: value.to_json()} for name, at, value in points],
-            "slope_per_month": None if slope is None else slope.to_json(),
-            "between_runs_std": None if self.line is None else self.line.between,
-            "differs_from_zero": None if slope is None else _is_off_zero(slope),
-            "sentence": self.sentence,
-        }
+        return np.array([_days(one.started) for one in self.points])
 
 
 def trends(runs: Iterable[Mapping[str, Any]], quantity: str) -> list[Trend]:
@@ -408,24 +336,43 @@ def trends(runs: Iterable[Mapping[str, Any]], quantity: str) -> list[Trend]:
     runs: as `RunIndex.search` gives them. quantity: its name in results. Runs without a date, or without the quantity,
     are left out; those whose uncertainty is not known weigh by the scatter between runs alone.
     """
-    groups: dict[tuple[str, str, float], list[tuple[str, str, Estimate]]] = {}
+    groups: dict[tuple[str, str, float], list[TrendPoint]] = {}
     for run in runs:
         for row in run["found"] if _days(run.get("started") or "") is not None else ():
             if quantity in row:
                 key = run.get("rig") or "", run.get("source") or "", round(row["pretension_mm"], 6)
-                groups.setdefault(key, []).append((run["started"], run["name"], Estimate.from_json(row[quantity])))
-    found = []
-    for key, points in sorted(groups.items()):
-        started, names, values = zip(*sorted(points, key=lambda one: one[:2]), strict=True)
-        days = np.array([_days(one) for one in started], dtype=float)
-        stds = np.nan_to_num([_std(one) for one in values])
-        line = fit_line(days, np.array([one.value for one in values]), stds)
-        found.append(Trend(quantity, *key, names, started, values, line))
-    return found
+                point = TrendPoint(run["name"], run["started"], Estimate.from_json(row[quantity]))
+                groups.setdefault(key, []).append(point)
+    return [_trend(quantity, *key, points) for key, points in sorted(groups.items())]
 
 
-def _is_off_zero(slope: Estimate) -> bool:
-    return bool(slope.low > 0 or slope.high < 0)
+def _trend(quantity: str, rig: str, source: str, pretension_mm: float, points: list[TrendPoint]) -> Trend:
+    points.sort(key=lambda one: (one.started, one.run))
+    days = np.array([_days(one.started) for one in points])
+    stds = np.nan_to_num([_std(one.value) for one in points])
+    line = fit_line(days, np.array([one.value.value for one in points]), stds)
+    name, unit = f"{QUANTITIES[quantity].called[0]} at {number(pretension_mm)} mm", QUANTITIES[quantity].unit
+    slope = between = changes = None
+    if line is None:
+        count = f"{days.size} run{'s' if days.size != 1 else ''}{' of one day' if days.size >= FEWEST_RUNS else ''}"
+        said = f"{name}: {count}, too few for a line; at least {FEWEST_RUNS} runs on 2 days are needed."
+    else:
+        slope, between = line.slope.times(DAYS_OF_A_MONTH), line.between
+        changes, unit = is_off_zero(slope), f"{unit} a month".strip()
+        over = f"over {days.size} runs in {number(np.ptp(days) / DAYS_OF_A_MONTH, 2)} months"
+        near, far = sorted((abs(slope.low), abs(slope.high)))
+        verb, ends = "rises" if slope.value > 0 else "falls", span(slope.low, slope.high, unit)
+        said = f"{name} {verb} by {number(abs(slope.value), 2)} {unit} (90 %: {span(near, far)}), {over}: not zero."
+        if not changes:
+            said = f"{name} does not change beyond its uncertainty: {ends} (90 %), {over}; zero is among it."
+    of = "" if source in ("bench", "") else f" ({source})"
+    title, rows = f"{rig or 'no rig'}{of}, {pretension_mm:g} mm", Rows(points)
+    return Trend(title, quantity, rig, source, pretension_mm, rows, days.size, slope, between, changes, said, line)
+
+
+def is_off_zero(one: Estimate) -> bool | None:
+    """Return whether the 90 % interval of a number leaves zero out; None where it has none."""
+    return bool(one.low > 0 or one.high < 0) if math.isfinite(one.low) else None
 
 
 def _days(moment: str) -> float | None:
@@ -435,7 +382,7 @@ def _days(moment: str) -> float | None:
     except ValueError:
         return None
     at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
-    return at.timestamp() / _SECONDS_OF_A_DAY
+    return at.timestamp() / 86_400.0  # seconds of a day
 
 
 def _std(one: Estimate) -> float:
@@ -450,12 +397,11 @@ def _std(one: Estimate) -> float:
 # Two runs differ in what they found at the pretensions that both have.
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """What another run found, less what a first one did. quantity: its name in results. first, other: what they found.
 
     difference: normal, with the combined standard deviation of both, each the one of which its 90 % interval is the
-    normal one; NaN where one is not known.
+    normal one; NaN where one is not known. It is significant where it `is_off_zero`.
     """
 
     quantity: str
@@ -463,23 +409,6 @@ class Difference:
     first: Estimate
     other: Estimate
     difference: Estimate
-
-    @property
-    def ratio(self) -> float:
-        """Return the difference over its standard deviation, NaN where that is not known."""
-        return self.difference.value / self.difference.std if self.difference.std > 0 else math.nan
-
-    @property
-    def is_significant(self) -> bool | None:
-        """Return whether the 90 % interval of the difference leaves zero out; None where that cannot be said."""
-        return abs(self.ratio) > NORMAL_90 if math.isfinite(self.ratio) else None
-
-    @property
-    def sentence(self) -> str:
-        """Return how sure it is."""
-        if self.is_significant is None:
-            return "not known"
-        return f"{'yes' if self.is_significant else 'no'}, {number(abs(self.ratio), 2)} σ"
 
 
 def differences(
@@ -493,20 +422,17 @@ def differences(
     found = []
     for row in other["found"]:
         before = rows.get(round(row["pretension_mm"], 6), {})
-        for quantity in quantities:
-            if quantity in row and quantity in before:
-                one, two = Estimate.from_json(before[quantity]), Estimate.from_json(row[quantity])
-                std = math.hypot(_std(one), _std(two))
-                by = Estimate.normal(two.value - one.value, std if math.isfinite(std) and std > 0 else math.nan)
-                found.append(Difference(quantity, row["pretension_mm"], one, two, by))
+        for quantity in (one for one in quantities if one in row and one in before):
+            one, two = Estimate.from_json(before[quantity]), Estimate.from_json(row[quantity])
+            by = Estimate.normal(two.value - one.value, math.hypot(_std(one), _std(two)) or math.nan)
+            found.append(Difference(quantity, row["pretension_mm"], one, two, by))
     return found
 
 
 def by_chance(found: Sequence[Difference]) -> str:
     """Return how many of some differences are significant, and how many would be by chance if nothing had changed."""
-    known = [one for one in found if one.is_significant is not None]
-    significant = sum(bool(one.is_significant) for one in known)
+    known = [off for one in found if (off := is_off_zero(one.difference)) is not None]
     return (
-        f"{significant} of {len(known)} differences are significant at 90 %; were nothing different, "
+        f"{sum(known)} of {len(known)} differences are significant at 90 %; were nothing different, "
         f"{number(0.1 * len(known), 2)} at most would be so by chance."
     )

@@ -305,17 +305,16 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
     shown = found[:_MOST_LINES]
     colours: Any = pretension_colours([one.pretension_mm for one in shown]) if shown else []
     for place, (one, colour) in enumerate(zip(shown, colours, strict=True)):
-        dates: Any = np.array([datetime.fromisoformat(at) for at in one.started])
-        values = np.array([value.value for value in one.values])
-        ends = np.array([[value.value - value.low, value.high - value.value] for value in one.values]).T
+        dates: Any = np.array([datetime.fromisoformat(point.started) for point in one.points])
+        values, low, high = np.array([(at.value.value, at.value.low, at.value.high) for at in one.points]).T
+        ends = np.array([values - low, high - values])
         marker = MARKERS[place % len(MARKERS)]
         axes.errorbar(
             dates, values, np.nan_to_num(ends), fmt=marker, ms=3, lw=0.6, color=colour, alpha=0.7, label=one.title
         )
         if one.line is not None:
-            days = one.days
-            axes.plot(dates, one.line.at(days), color=colour, lw=1.6, zorder=4)
-            middle, half = one.line.at(days), one.line.half(days)
+            middle, half = one.line.at(one.days)
+            axes.plot(dates, middle, color=colour, lw=1.6, zorder=4)
             axes.fill_between(dates, middle - half, middle + half, color=colour, alpha=0.2, lw=0)
     about = QUANTITIES[found[0].quantity] if found else None
     if about is not None:
@@ -349,7 +348,7 @@ def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:
         path,
         "prediction.html",
         title="Change over months",
-        about=f"{sum(len(one.runs) for one in found)} values of runs.",
+        about=f"{sum(one.runs for one in found)} values of runs.",
         lead=" ".join(sentences),
         tables=[_table(one) for one in found],
         pictures=pictures([picture], {picture.stem: caption}),
@@ -362,5 +361,5 @@ def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:
 def _table(one: Trend) -> Table:
     about = QUANTITIES[one.quantity]
     head = ["run", "begin", about.head(" in ")]
-    rows = [[name, at[:10], str(value)] for name, at, value in zip(one.runs, one.started, one.values, strict=True)]
+    rows = [[at.run, at.started[:10], str(at.value)] for at in one.points]
     return Table(one.title, head, rows, "Value and 90 % interval.")

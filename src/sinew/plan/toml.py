@@ -356,10 +356,11 @@ def _write_parameter(cell: Any, parameter: Parameter) -> None:
         unit, numbers = parameter.unit, list(parameter.numbers())
     value, low, high, *ends = numbers
     said = {"value": value, "unit": unit, "origin": parameter.origin, "bounds": (low, high)}
-    for key, one in (said | {"interval90": tuple(ends), "note": parameter.note}).items():
-        if one in ((), ""):
-            cell.pop(key, None)
-        elif key not in cell or _frozen(cell[key].unwrap()) != one:
+    said |= {key: one for key, one in (("interval90", tuple(ends)), ("note", parameter.note)) if one}
+    if said.keys() != cell.keys():
+        cell.clear()  # so that the keys stand in their order
+    for key, one in said.items():
+        if key not in cell or _frozen(cell[key].unwrap()) != one:
             cell[key] = _item(one)
 
 

@@ -9,6 +9,7 @@ import typer
 from sinew.apps import console
 from sinew.apps.console import Json, flag, option
 from sinew.measure.errors import FileError, SinewError, SpecError
+from sinew.measure.result import Rows, Table, plain
 
 
 def runs(
@@ -28,7 +29,7 @@ def runs(
     numbers (f_r, D, gain, f_90, width, k, d ...) as f_r=3..3.4, f_r=3.2.. or pretension=6 hold at one and the same
     pretension.
     """
-    from sinew.analysis.runs import MOST_RUNS, parse_search, quantity_of
+    from sinew.analysis.runs import parse_search, quantity_of, trends
     from sinew.apps.dashboard.work.runs import index_of
 
     parse_search(search)  # what is wrong with it is said before anything is read
@@ -47,12 +48,23 @@ def runs(
         index.refresh()
     found = index.search(search)
     if left:
-        console.remark(f"{left} folders are left out: beyond the {MOST_RUNS} that an index takes, or named in no UTF-8")
+        console.remark(f"{left} folders are left out, whose names are no UTF-8")
     about = {"search": search, "count": len(found)}
     if quantity is None:
-        _print_runs(found[:most], about, json)
-    else:
-        _print_trend(found, quantity, about, out, json)
+        console.print_result(about | {"runs": found[:most]}, _listed(found[:most]), json=json)
+        if len(found) > most:
+            console.remark(f"the newest {most} of {len(found)} runs; --most lists more")
+        return
+    made = Rows(trends(found, quantity))
+    if not made:
+        console.remark(f"no run that is found has {quantity}; search for others, or analyse them with --analyse")
+    elif out is not None:
+        from sinew.figures.page import save_trends
+
+        save_trends(made, out)
+    told = [table] if (table := made.table()) else []
+    sentences = [f"{one.title}: {one.sentence}" for one in made]
+    console.print_result(about | {"trends": plain(made)}, [*told, *sentences], json=json)
 
 
 def _analyse(folder: Path, names: Sequence[str]) -> None:
@@ -67,19 +79,11 @@ def _analyse(folder: Path, names: Sequence[str]) -> None:
             progress(done, len(names))
 
 
-_KEYS = (
-    *("name", "started", "rig", "plan", "source", "state", "sentence", "duration_s", "groups_done", "groups"),
-    *("bytes", "analysed", "remark", "found"),
-)
-
-
-def _print_runs(found: Sequence[Mapping[str, Any]], about: dict[str, Any], json: bool) -> None:
+def _listed(found: Sequence[Mapping[str, Any]]) -> list[Table | str]:
+    """Return the table of runs, why some ended early or are damaged, and what is to be done about others."""
     from sinew.analysis.runs import COMMON, QUANTITIES
     from sinew.measure.estimate import number, shown_interval
 
-    if json:
-        console.print_json(about | {"runs": [{key: run.get(key) for key in _KEYS} for run in found]})
-        return
     rows = []
     for run in found:
         first = [run["name"], (run.get("started") or "–")[:16], run.get("rig") or "–", run.get("plan") or "–"]
@@ -87,42 +91,8 @@ def _print_runs(found: Sequence[Mapping[str, Any]], about: dict[str, Any], json:
         for place, row in enumerate(run["found"] or [{}]):
             numbers = [shown_interval(row.get(one)) for one in COMMON]
             rows.append([*(first if not place else [""] * len(first)), number(row.get("pretension_mm")), *numbers])
-    heads = [QUANTITIES[one].head("/") for one in COMMON]
-    console.print_table(("run", "begin", "rig", "plan", "state", "mm", *heads), rows)
-    for run in found:
-        if run["state"] in ("stopped", "damaged"):
-            print(f"{run['name']}: {run['sentence']}")
+    heads = ("run", "begin", "rig", "plan", "state", "mm", *(QUANTITIES[one].head("/") for one in COMMON))
+    why = [f"{run['name']}: {run['sentence']}" for run in found if run["state"] in ("stopped", "damaged")]
     if left := sum(bool(run.get("remark")) for run in found):
-        console.remark(f"{left} of these have no results yet; --analyse makes them")
-    if about["count"] > len(found):
-        console.remark(f"the newest {len(found)} of {about['count']} runs; --most lists more")
-    if not found:
-        console.remark("no run is found")
-
-
-def _print_trend(
-    found: Sequence[Mapping[str, Any]], quantity: str, about: dict[str, Any], out: Path | None, json: bool
-) -> None:
-    from sinew.analysis.runs import trends
-    from sinew.measure.estimate import UNKNOWN, number
-
-    made = trends(found, quantity)
-    if out is not None:
-        if not made:
-            raise SpecError(f"no run that is found has {quantity}; search for others, or analyse them with --analyse")
-        from sinew.figures.page import save_trends
-
-        save_trends(made, out)
-    if json:
-        console.print_json(about | {"trends": [one.to_json() for one in made]})
-        return
-    rows = []
-    for one in made:
-        slope = UNKNOWN if one.per_month is None else one.per_month.shown_interval()
-        between = UNKNOWN if one.line is None else number(one.line.between, 2)
-        rows.append([one.title, str(len(one.runs)), slope, between])
-    console.print_table(("of", "runs", f"{quantity} a month (90 %)", "between runs"), rows)
-    for one in made:
-        print(f"{one.title}: {one.sentence}")
-    if not made:
-        console.remark(f"no run that is found has {quantity}")
+        why.append(f"{left} of these have no results yet; --analyse makes them.")
+    return [Table(heads, rows), *why] if rows else ["No run is found."]

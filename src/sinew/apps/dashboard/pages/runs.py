@@ -388,6 +388,9 @@ _HOW_TOLD = (
 )
 
 
+_SURE = {True: "yes", False: "no", None: "not known"}
+
+
 def _compared(first: str, compared: dict[str, Any]) -> None:
     """Show in what runs differ from the first one that is open, and whether that is more than their uncertainty."""
     if not compared["rows"]:
@@ -405,7 +408,9 @@ def _compared(first: str, compared: dict[str, Any]) -> None:
         for row in compared["rows"]:
             about = QUANTITIES[row["quantity"]]
             estimates = (quantity(row[name], about.unit) for name in ("first", "other", "difference"))
-            rows.append((row["run"], f"{row['pretension_mm']:g}", about.words, *estimates, row["sentence"]))
+            rows.append(
+                (row["run"], f"{row['pretension_mm']:g}", about.words, *estimates, _SURE[row["is_significant"]])
+            )
         tabulate(labels, rows, right=("mm", "difference")).props("data-compared")
 
 

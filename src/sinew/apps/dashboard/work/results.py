@@ -139,7 +139,7 @@ def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, An
     # Also one at which nothing could be determined: a search finds what was measured there.
     rows: dict[float, dict[str, Any]] = {mm: {"pretension_mm": mm} for mm in measured if math.isfinite(mm)}
     for row in _parameters(document, results):
-        if row["quantity"] in QUANTITIES:
+        if row["quantity"] in QUANTITIES and row["estimate"]["value"] is not None:
             at = rows.setdefault(row["pretension_mm"], {"pretension_mm": row["pretension_mm"]})
             at[row["quantity"]] = row["estimate"]
     return [rows[pretension] for pretension in sorted(rows)]

@@ -60,16 +60,13 @@ def run_trends(runs: Path | str, query: str, quantity: str) -> list[dict[str, An
     for one in found:
         line = None
         if one.line is not None:
-            days = one.days[[0, -1]] if one.days.size < _LINE_POINTS else one.days[:: one.days.size // _LINE_POINTS]
-            middle, half = one.line.at(days), one.line.half(days)
+            days = one.days[[0, -1]] if one.runs < _LINE_POINTS else one.days[:: one.runs // _LINE_POINTS]
+            middle, half = one.line.at(days)
             line = {"days": days.tolist(), "value": middle.tolist()}
             line |= {"low": (middle - half).tolist(), "high": (middle + half).tolist()}
-        points = {
-            "days": one.days.tolist(),
-            "runs": list(one.runs),
-            "values": [value.to_json() for value in one.values],
-        }
-        rows.append({"title": one.title, "sentence": one.sentence, **points, "line": line})
+        points = {"runs": [at.run for at in one.points], "values": [at.value.to_json() for at in one.points]}
+        points |= {"days": one.days.tolist(), "line": line}
+        rows.append({"title": one.title, "sentence": one.sentence, **points})
     return rows
 
 
@@ -79,10 +76,10 @@ _LINE_POINTS = 30
 def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str, Any]:
     """Return `{"rows", "sentences"}`: in what some runs differ from a first one, each quantity at each pretension.
 
-    rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), `is_significant`,
-    `sentence`. Only the index is read.
+    rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), and
+    `is_significant`, None where that cannot be said. Only the index is read.
     """
-    from sinew.analysis.runs import QUANTITIES, by_chance, differences
+    from sinew.analysis.runs import QUANTITIES, by_chance, differences, is_off_zero
 
     known = {row["name"]: row for row in look_at_runs(runs)["runs"]}
     rows, sentences = [], []
@@ -100,8 +97,7 @@ def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str
                 "first": one.first.to_json(),
                 "other": one.other.to_json(),
                 "difference": one.difference.to_json(),
-                "is_significant": one.is_significant,
-                "sentence": one.sentence,
+                "is_significant": is_off_zero(one.difference),
             }
             for one in found
         ]
