@@ -170,20 +170,6 @@ _LENGTH, _LIVELY, _STARTING = 0.2, 0.5, 2
 _SMOOTHED = 0.35  # strides; what leaks in from neighbouring harmonics repeats with the stride and moves none
 
 
-class Walk(NamedTuple):
-    """The walking in a record.
-
-    bouts: (where each stride begins and the last ends [s], regularity there) of at least five strides in a row each, in
-    order. longest_s: ends of the longest walking stretch, be it as short as it may; frequency_hz, regularity: stride
-    frequency there, by the windows alone, and autocorrelation of the motion at one stride.
-    """
-
-    bouts: tuple[tuple[Array, float], ...]
-    longest_s: tuple[float, float]
-    frequency_hz: float
-    regularity: float
-
-
 class _Windows(NamedTuple):
     """Windows of a record: middle [s], stride frequency [Hz], autocorrelation at one stride, shape (w,) each."""
 
@@ -191,43 +177,16 @@ class _Windows(NamedTuple):
     frequency_hz: Array
     regularity: Array
 
-    def mean_regularity(self, start_s: float, stop_s: float) -> float:
-        """Return the mean of the windows between two times [s], or that of the nearest one."""
+    def within(self, start_s: float, stop_s: float) -> Mask:
+        """Return which windows are between two times [s], or that the nearest one is."""
         inside = (self.middle_s >= start_s) & (self.middle_s <= stop_s)
         if not inside.any():
             inside[np.argmin(np.abs(self.middle_s - 0.5 * (start_s + stop_s)))] = True
-        return float(self.regularity[inside].mean())
+        return inside
 
 
-def find_walk(motion: BodyMotion) -> Walk:
-    """Return the strides of steady walking in a record.
-
-    The regularity is the autocorrelation at one stride (Moe-Nilssen and Helbostad, J. Biomech. 37, 2004), here the mean
-    of bounce and yaw rate. Raises RecordingError where the record is too short, or nothing in it repeats as steps do.
-    """
-    time = motion.time_s
-    rate = np.gradient(motion.swing[1], time)
-    windows = _windows(time, rate, motion.bounce)
-    walking = windows.regularity >= _REPEATS
-    if not walking.any():
-        raise RecordingError(
-            f"no steps found between {time[0]:.4g} and {time[-1]:.4g} s: nothing repeats at a stride of "
-            f"{_LOWEST_HZ:g} to {_HIGHEST_HZ:g} Hz; choose a stretch of walking with --start and --stop, or another "
-            "sensor"
-        )
-    nearest = np.rint(np.interp(time, windows.middle_s, np.arange(walking.size))).astype(int)
-    runs = _runs(walking[nearest])
-    starts, sound = _cut(motion, rate, windows, walking[nearest])
-    bouts = []
-    for first, last in _runs(sound):
-        for a, b in _alike(np.diff(starts[first : last + 1])):
-            edge = starts[first + a : first + b + 1]
-            bouts.append((edge, windows.mean_regularity(edge[0], edge[-1])))
-    longest = max(runs, key=lambda run: run[1] - run[0])
-    ends = float(time[longest[0]]), float(time[longest[1] - 1])
-    inside = (windows.middle_s >= ends[0]) & (windows.middle_s <= ends[1])
-    frequency = float(np.median(windows.frequency_hz[inside & walking]))
-    return Walk(tuple(bouts), ends, frequency, windows.mean_regularity(*ends))
+def _mean_within(windows: _Windows, start_s: float, stop_s: float) -> float:
+    return float(windows.regularity[windows.within(start_s, stop_s)].mean())
 
 
 def _windows(time: Array, rate: Array, bounce: Array | None) -> _Windows:
@@ -389,12 +348,14 @@ _YAW_HARMONICS, _BOUNCE_HARMONICS = 3, 4
 _NEAR = 0.15
 
 
-def _short_gait(motion: BodyMotion, file: str, walk: Walk) -> BoutGait:
-    """Return the gait of the longest stretch of walking by one fit; its uncertainties are unknown (NaN).
+def _short_gait(
+    motion: BodyMotion, file: str, ends_s: tuple[float, float], near_hz: float, regularity: float
+) -> BoutGait:
+    """Return the gait of a stretch of walking by one fit; its uncertainties are unknown (NaN).
 
     The frequency is the one within 15 % of the windows' whose harmonics leave least of yaw and bounce together.
     """
-    start_s, stop_s = walk.longest_s
+    start_s, stop_s = ends_s
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
     since = motion.time_s[inside] - motion.time_s[inside].mean()
     signals = [(motion.swing[1][inside], _YAW_HARMONICS)]
@@ -413,14 +374,14 @@ def _short_gait(motion: BodyMotion, file: str, walk: Walk) -> BoutGait:
         parts = ((x, fitted(frequency, x, harmonics)[1]) for x, harmonics in signals if np.var(x) > 0)
         return sum(float(np.mean(rest**2)) / float(np.var(x)) for x, rest in parts)
 
-    grid = np.linspace(walk.frequency_hz * (1 - _NEAR), walk.frequency_hz * (1 + _NEAR), 31)
+    grid = np.linspace(near_hz * (1 - _NEAR), near_hz * (1 + _NEAR), 31)
     best = int(np.argmin([left(f) for f in grid]))
     ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     hertz = float(minimize_scalar(left, bounds=ends, method="bounded").x)
     first = fitted(hertz, *signals[0])[0][len(slow) : len(slow) + 2]
     frequency, yaw = (Estimate(one, *[math.nan] * 3) for one in (hertz, math.hypot(*np.rad2deg(first))))
     strides = (stop_s - start_s) * hertz
-    return BoutGait(file, start_s, stop_s, strides, frequency, (hertz, hertz), yaw, walk.regularity)
+    return BoutGait(file, start_s, stop_s, strides, frequency, (hertz, hertz), yaw, regularity)
 
 
 # What a torso joint has to do.
@@ -462,25 +423,48 @@ class GaitTarget(Result, title="mean over all strides, of two steps each"):
 def estimate_gait(motion: BodyMotion, name: str) -> WalkGait:
     """Return the gait of a record; of one with fewer than five strides in a row the one short stretch.
 
-    Raises RecordingError where there are no steps, where the steps of a longer record are too few or too uneven, and
-    where the yaw is not a walking person's.
+    The regularity is the autocorrelation at one stride (Moe-Nilssen and Helbostad, J. Biomech. 37, 2004), here the mean
+    of bounce and yaw rate. Raises RecordingError where there are no steps, where the steps of a longer record are too
+    few or too uneven, and where the yaw is not a walking person's.
     """
-    walk, swing = find_walk(motion), motion.swing[0]
-    whole, length = float(motion.time_s[-1] - motion.time_s[0]), walk.longest_s[1] - walk.longest_s[0]
-    strides = length * walk.frequency_hz
-    if not walk.bouts and (length < _THROUGHOUT * whole or strides < _SHORTEST_STRIDES or walk.regularity < _REGULAR):
+    time, (swing, yaw) = motion.time_s, motion.swing
+    rate = np.gradient(yaw, time)
+    windows = _windows(time, rate, motion.bounce)
+    repeats = windows.regularity >= _REPEATS
+    if not repeats.any():
         raise RecordingError(
-            f"no {FEWEST_STRIDES} strides of steady walking in a row; the longest stretch that repeats somewhat like "
-            f"steps lasts {length:.3g} s of {whole:.3g} s (autocorrelation {walk.regularity:.2f}); record ten strides "
-            "straight on, or choose a stretch with --start and --stop"
+            f"no steps found between {time[0]:.4g} and {time[-1]:.4g} s: nothing repeats at a stride of "
+            f"{_LOWEST_HZ:g} to {_HIGHEST_HZ:g} Hz; choose a stretch of walking with --start and --stop, or another "
+            "sensor"
         )
-    bouts = tuple(_bout_gait(motion, name, *bout) for bout in walk.bouts) or (_short_gait(motion, name, walk),)
+    walking = repeats[np.rint(np.interp(time, windows.middle_s, np.arange(repeats.size))).astype(int)]
+    starts, sound = _cut(motion, rate, windows, walking)
+    edges = [
+        starts[first + a : first + b + 1]
+        for first, last in _runs(sound)
+        for a, b in _alike(np.diff(starts[first : last + 1]))
+    ]
+    bouts = [_bout_gait(motion, name, edge, _mean_within(windows, edge[0], edge[-1])) for edge in edges]
+    whole = float(time[-1] - time[0])
+    if not bouts:
+        first, last = max(_runs(walking), key=lambda run: run[1] - run[0])
+        longest = float(time[first]), float(time[last - 1])
+        length, regularity = longest[1] - longest[0], _mean_within(windows, *longest)
+        hertz = float(np.median(windows.frequency_hz[windows.within(*longest) & repeats]))
+        if length < _THROUGHOUT * whole or length * hertz < _SHORTEST_STRIDES or regularity < _REGULAR:
+            raise RecordingError(
+                f"no {FEWEST_STRIDES} strides of steady walking in a row; the longest stretch that repeats somewhat "
+                f"like steps lasts {length:.3g} s of {whole:.3g} s (autocorrelation {regularity:.2f}); record ten "
+                "strides straight on, or choose a stretch with --start and --stop"
+            )
+        bouts = [_short_gait(motion, name, longest, hertz, regularity)]
     if not (largest := max(bout.yaw_amplitude_deg.value for bout in bouts)) < _LARGEST_YAW_DEG:
         raise RecordingError(
             f"the yaw of {swing} swings by ±{largest:.3g}°, more than a walking person's {_LARGEST_YAW_DEG:g}°; "
             "check its unit (--yaw-column COL:unit, or --gyro-unit)"
         )
-    return WalkGait(name, swing, motion.drifts, bouts, whole - sum(bout.stop_s - bout.start_s for bout in bouts))
+    left_out_s = whole - sum(bout.stop_s - bout.start_s for bout in bouts)
+    return WalkGait(name, swing, motion.drifts, tuple(bouts), left_out_s)
 
 
 def target_of_walks(walks: Sequence[WalkGait]) -> GaitTarget:
@@ -516,27 +500,29 @@ def _mean(estimates: Sequence[Estimate], weights: Array) -> Estimate:
 
 
 def _remarks(walks: Sequence[WalkGait], bouts: Sequence[BoutGait], regularity: float) -> list[str]:
-    remarks = []
-    if any(walk.drifts for walk in walks):
-        remarks.append(
+    """Return what was left out, and what the numbers do not say."""
+    swing, left_out = walks[0].swing, sum(walk.left_out_s for walk in walks)
+    rows = (
+        (
+            any(walk.drifts for walk in walks),
             "inertial sensors give yaw no zero, and it drifts: what is slower than a stride was taken out, and a "
-            "lasting twist between the parts is not known"
-        )
-    if (swing := walks[0].swing) in ("pelvis", "trunk"):
-        remarks.append(
+            "lasting twist between the parts is not known",
+        ),
+        (
+            swing in ("pelvis", "trunk"),
             f"only the {swing} was recorded: this is its yaw in space, not that between trunk and pelvis, which a "
-            "torso joint has to make and which is larger where the two swing against each other"
-        )
-    if any(math.isnan(bout.stride_frequency_hz.std) for bout in bouts):
-        remarks.append(
+            "torso joint has to make and which is larger where the two swing against each other",
+        ),
+        (
+            any(math.isnan(bout.stride_frequency_hz.std) for bout in bouts),
             f"fewer than {FEWEST_STRIDES} strides in a row show no scatter from stride to stride, so there is no "
-            f"interval and no band; record at least {FEWEST_STRIDES + 4} strides, better thirty"
-        )
-    if (left_out := sum(walk.left_out_s for walk in walks)) > 1.0:
-        remarks.append(f"left out: {left_out:.3g} s of standing, starting, stopping, and turning (above 20°/s)")
-    if regularity < _REGULAR:
-        remarks.append(
+            f"interval and no band; record at least {FEWEST_STRIDES + 4} strides, better thirty",
+        ),
+        (left_out > 1.0, f"left out: {left_out:.3g} s of standing, starting, stopping, and turning (above 20°/s)"),
+        (
+            regularity < _REGULAR,
             f"the motion repeats poorly from stride to stride (autocorrelation {regularity:.2f}, of even walking "
-            "about 0.9)"
-        )
-    return remarks
+            "about 0.9)",
+        ),
+    )
+    return [sentence for holds, sentence in rows if holds]
