@@ -1,7 +1,7 @@
 """A campaign as one small JSON document: curves over pretension, resonances, windows, and the paper's table."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
 import jax
@@ -233,7 +233,7 @@ def paper_table(results: xr.Dataset, beyond: xr.Dataset | None = None, rig: RigS
     """
     if rig is None or not is_the_papers(results, rig):
         return []
-    has_sweep = "resonance_hz" in results
+    has_sweep, results = "resonance_hz" in results, results.sortby("pretension_mm")
     rows = [*_ends(results), *_trends(results)] if has_sweep else []
     rows += _damping(results) if "paper_lehr_damping" in results else []
     rows += _drive(results) if has_sweep else []
@@ -254,57 +254,54 @@ def _row(
     where: str,
     reason: str,
     role: Role = "follows",
-    also: bool = True,
 ) -> Row:
-    """Return a row; it is ok where measured is within the tolerance of paper and `also` holds."""
-    known = math.isfinite(measured)
-    ok = known and abs(measured - paper) <= tolerance * (1 + 1e-9) and also
+    """Return a row; it is ok where measured is within the tolerance of paper."""
+    ok = bool(abs(measured - paper) <= tolerance * (1 + 1e-9))
     return Row(
         quantity=quantity,
         paper=paper,
-        measured=float(measured) if known else None,
+        measured=finite(float(measured)),
         tolerance=tolerance,
-        ok=bool(ok),
+        ok=ok,
         where=where,
         role=role,
         reason=reason,
     )
 
 
-_HERTZ = "printed to 0.1 Hz, read off a frequency grid that is not printed"
-_GAIN = "printed to 0.1, mean of five periods and three repeats"
 _COUNT = "a trend has no exception"
 
 
-_ENDS = (
-    ("paper_resonance_hz", "resonance frequency at {:g} mm in Hz", {0.0: (3.0, 0.1), 12.0: (4.3, 0.1)}, _HERTZ),
-    ("paper_gain_peak", "gain at resonance at {:g} mm", {0.0: (2.8, 0.15), 12.0: (1.4, 0.1)}, _GAIN),
-)
-"""Of each row at the ends of the range: variable, quantity, by pretension [mm] the paper's number and its tolerance."""
+def _ends(results: xr.Dataset) -> Iterator[Row]:
+    """Yield resonance and gain at the ends of the range."""
+    where, hertz = (
+        "Abstract; section 4.1, Figure 6 left",
+        "printed to 0.1 Hz, read off a frequency grid that is not printed",
+    )
+    stated = (
+        ("paper_resonance_hz", "resonance frequency at {:g} mm in Hz", 0.0, 3.0, 0.1, hertz),
+        ("paper_resonance_hz", "resonance frequency at {:g} mm in Hz", 12.0, 4.3, 0.1, hertz),
+        ("paper_gain_peak", "gain at resonance at {:g} mm", 0.0, 2.8, 0.15, _GAIN),
+        ("paper_gain_peak", "gain at resonance at {:g} mm", 12.0, 1.4, 0.1, _GAIN),
+    )
+    for name, quantity, at, said, tolerance, reason in stated:
+        for measured in results[name].values[np.isclose(results["pretension_mm"].values, at)][:1]:
+            yield _row(quantity.format(at), said, measured, tolerance, where, reason, "fitted")
 
 
-def _ends(results: xr.Dataset) -> list[Row]:
-    rows, where = [], "Abstract; section 4.1, Figure 6 left"
-    for name, quantity, stated, reason in _ENDS:
-        for pretension, (number, tolerance) in stated.items():
-            for measured in results[name].values[np.isclose(results["pretension_mm"].values, pretension)][:1]:
-                rows.append(_row(quantity.format(pretension), number, measured, tolerance, where, reason, "fitted"))
-    return rows
+_GAIN = "printed to 0.1, mean of five periods and three repeats"
 
 
-def _trends(results: xr.Dataset) -> list[Row]:
-    order = np.argsort(results["pretension_mm"].values)
-    resonance, gain = (results[name].values[order] for name in ("paper_resonance_hz", "paper_gain_peak"))
-    gap = np.abs(results["phase_90_hz"].values - results["paper_resonance_hz"].values)
-    where = "Section 4.1, Figures 6 and 8"
-    trends = {
-        "steps of pretension at which the resonance does not rise": resonance,
-        "steps of pretension at which the gain does not fall": -gain,
-    }
-    rows = [_row(text, 0, _not_rising(values), 0, where, _COUNT) for text, values in trends.items() if order.size > 1]
+def _trends(results: xr.Dataset) -> Iterator[Row]:
+    resonance, gain = (results[name].values for name in ("paper_resonance_hz", "paper_gain_peak"))
+    if resonance.size > 1:
+        where, steps = "Section 4.1, Figures 6 and 8", "steps of pretension at which the"
+        yield _row(f"{steps} resonance does not rise", 0, _not_rising(resonance), 0, where, _COUNT)
+        yield _row(f"{steps} gain does not fall", 0, _not_rising(-gain), 0, where, _COUNT)
+    gap = float(np.abs(results["phase_90_hz"].values - resonance).max())
     text = "largest distance between 90° crossing and resonance in Hz"
     reason = "as for the resonance itself: the paper reads both off one grid"
-    return [*rows, _row(text, 0, float(gap.max()), 0.1, "Section 4.1, Figure 6 right", reason, "fitted")]
+    yield _row(text, 0, gap, 0.1, "Section 4.1, Figure 6 right", reason, "fitted")
 
 
 _CONSTANT = 0.15
@@ -312,84 +309,70 @@ _CONSTANT = 0.15
 changes by more is not told from that law by the words "approximately constant"."""
 
 
-def _damping(results: xr.Dataset) -> list[Row]:
-    order = np.argsort(results["pretension_mm"].values)
-    known = order[np.isfinite(results["paper_lehr_damping"].values[order]).any(axis=1)]
+def _damping(results: xr.Dataset) -> Iterator[Row]:
+    known = np.flatnonzero(np.isfinite(results["paper_lehr_damping"].values).any(axis=1))
     if known.size < 2:
-        return []
-    where = "Section 4.2, Figure 10"
-    windows = decay_windows(results)
-    rates = [_not_rising(mean_and_spread(results["paper_decay_rate_per_s"].values[known])[0])]
-    rates += [float(window.falling_rates) for window in windows]
-    anywhere = ", wherever the decay begins" if windows else ""
-    omega = mean_and_spread(results["paper_omega_rad_s"].values[known])[0]
-    rows = [
-        _row(f"steps of pretension at which λ does not rise{anywhere}", 0, max(rates), 0, where, _COUNT),
-        _row("steps of pretension at which ⟨ω⟩ does not rise", 0, _not_rising(omega), 0, where, _COUNT),
-    ]
-    damping = mean_and_spread(results["paper_lehr_damping"].values[known])[0]
+        return
+    rate, omega, damping = (
+        mean_and_spread(results[name].values[known])[0]
+        for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "paper_lehr_damping")
+    )
+    where, windows = "Section 4.2, Figure 10", decay_windows(results)
+    steps, anywhere = "steps of pretension at which", ", wherever the decay begins" if windows else ""
+    fallen = max([_not_rising(rate), *(float(window.falling_rates) for window in windows)])
+    yield _row(f"{steps} λ does not rise{anywhere}", 0, fallen, 0, where, _COUNT)
+    yield _row(f"{steps} ⟨ω⟩ does not rise", 0, _not_rising(omega), 0, where, _COUNT)
     spread = float((damping.max() - damping.min()) / damping.mean())
     reason = "half of what a constant d would make of D between 3.0 and 4.3 Hz"
     begun = f"from {DECAY_FROM_PERIODS:g} drive period after the stop on"
     text = f"spread of Lehr's damping D over pretension {begun}, (max − min) / mean"
-    rows.append(_row(text, 0, spread, _CONSTANT, where, reason, "fitted"))
+    yield _row(text, 0, spread, _CONSTANT, where, reason, "fitted")
     if windows:
         starts = f"{windows[0].start_periods:g} to {windows[-1].start_periods:g}"
         text = f"largest spread of D over pretension, wherever the decay begins ({starts} drive periods after the stop)"
-        rows.append(_row(text, 0, max([spread, *(one.spread for one in windows)]), _CONSTANT, where, reason))
-    return rows
+        yield _row(text, 0, max([spread, *(one.spread for one in windows)]), _CONSTANT, where, reason)
 
 
-_ORDER = "one pair in twenty in the wrong order"
 _LISSAJOUS_MM = 4.0
 
 
-def _drive(results: xr.Dataset) -> list[Row]:
-    rows = []
-    order = np.argsort(results["paper_resonance_hz"].values)
-    if order.size > 1:
-        amplitude = results["drive_amplitude_at_resonance_rad"].values[order]
+def _drive(results: xr.Dataset) -> Iterator[Row]:
+    reason, where = "one pair in twenty in the wrong order", "Section 4.1, Figure 7; section 5.2.5"
+    by_resonance = results.isel(pretension_mm=np.argsort(results["paper_resonance_hz"].values))
+    amplitude = by_resonance["drive_amplitude_at_resonance_rad"].values
+    if amplitude.size > 1:
         if not np.isfinite(results["paper_resonance_hz"].values).all():
-            amplitude = np.full(order.size, np.nan)
+            amplitude = np.full(amplitude.size, np.nan)
         text = (
             "Kendall's τ of the drive amplitude at resonance over frequency "
             "(-1: each pair falls; the last below the first)"
         )
-        fallen = bool(amplitude[-1] < amplitude[0])
-        where = "Section 4.1, Figure 7; section 5.2.5"
-        rows.append(_row(text, -1, _concordance(amplitude), 0.1, where, _ORDER, also=fallen))
-    here = np.flatnonzero(np.isclose(results["pretension_mm"].values, _LISSAJOUS_MM))
-    if here.size:
-        sweep = mean_and_spread(results["drive_amplitude_rad"].values[here[0]])[0]
+        row = _row(text, -1, _concordance(amplitude), 0.1, where, reason)
+        row["ok"] = row["ok"] and bool(amplitude[-1] < amplitude[0])
+        yield row
+    for here in np.flatnonzero(np.isclose(results["pretension_mm"].values, _LISSAJOUS_MM))[:1]:
+        sweep = mean_and_spread(results["drive_amplitude_rad"].values[here])[0]
         sweep = sweep[np.argsort(results["frequency_hz"].values)]
         text = f"Kendall's τ of the drive amplitude over frequency at {_LISSAJOUS_MM:g} mm (-1: each pair falls)"
-        where = "Section 4.1, Figure 7; section 5.2.5"
-        rows.append(_row(text, -1, _concordance(sweep[np.isfinite(sweep)]), 0.1, where, _ORDER))
-    return rows
+        yield _row(text, -1, _concordance(sweep[np.isfinite(sweep)]), 0.1, where, reason)
 
 
-def _bounded(results: xr.Dataset, beyond: xr.Dataset) -> list[Row]:
-    """Return what the paper says of the gain above its threshold: that it stays at one, and that this begins there."""
-    above = np.flatnonzero(beyond["pretension_mm"].values > _THRESHOLD_MM)
-    if not above.size:
-        return []
-    last = above[np.argmax(beyond["pretension_mm"].values[above])]
-    pretension = float(beyond["pretension_mm"].values[last])
-    level = float(beyond["paper_gain_peak"].values[last])
-    where = "Section 4.1; section 5.2.4"
-    text = f"gain at resonance far above the threshold, at {pretension:g} mm"
-    rows = [_row(text, 1, level, 0.1, where, "as for the gain at 12 mm; the paper says “bounded to a value of one”")]
-    parts = [
-        np.stack([part[name].values for name in ("pretension_mm", "paper_gain_peak")]) for part in (results, beyond)
-    ]
-    x, y = np.concatenate(parts, axis=1)
+def _bounded(results: xr.Dataset, beyond: xr.Dataset) -> Iterator[Row]:
+    """Yield what the paper says of the gain above its threshold: that it stays at one, and that this begins there."""
+    parts = [[part[name].values for part in (results, beyond)] for name in ("pretension_mm", "paper_gain_peak")]
+    x, y = (np.concatenate(part) for part in parts)
+    if not (parts[0][1] > _THRESHOLD_MM).any():
+        return
+    far, where = int(np.argmax(parts[0][1])), "Section 4.1; section 5.2.4"
+    text = f"gain at resonance far above the threshold, at {float(parts[0][1][far]):g} mm"
+    reason = "as for the gain at 12 mm; the paper says “bounded to a value of one”"
+    yield _row(text, 1, float(parts[1][1][far]), 0.1, where, reason)
     if x.size >= FEWEST_PRETENSIONS:
         order, known = np.argsort(x), bool(np.isfinite(y).all())
         kink = fit_saturation(x[order], y[order]).threshold_mm.value if known else math.nan
         text = "pretension from which on the gain levels off in mm (kink of two straight lines)"
         reason = "“≈ 12 mm”; the other pretensions that it names lie 2 mm and more away"
-        rows.append(_row(text, _THRESHOLD_MM, kink, 2.0, where, reason))
-    return rows
+        yield _row(text, _THRESHOLD_MM, kink, 2.0, where, reason)
 
 
 def _bare_silicone(rig: RigSpec) -> list[Row]:
