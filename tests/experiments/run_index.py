@@ -1,10 +1,6 @@
-"""A folder of very many runs: how long it takes to index, search and overlook, and in how much memory; and all their
+"""A folder of runs of a year: an oscillator whose resonance falls as it ages, drawn by chance.
 
-samples as one dataset.
-
-The runs are made by chance around an oscillator whose resonance falls as it ages. Beside each lies a recording of 30
-MB, most of it a hole in the file: its zeros are read as a campaign's samples would be, but from no disk. Of a hundred
-runs the results of one are cut short, and one is a stranger's folder.
+Of a hundred runs the results of one are cut short, and one is a stranger's folder.
 """
 
 import os
@@ -13,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import netCDF4
 import numpy as np
 import xarray as xr
 
@@ -29,59 +24,28 @@ PRETENSIONS_MM = (2.0, 6.0)
 _FREQUENCIES_HZ = np.linspace(2.0, 5.0, 13)
 _REPEATS = 3
 _MONTHS = 12.0
-_SAMPLES = 156_000
-"""In each run: 13 minutes at 200 Hz, of 24 columns."""
 
-_CHANNELS: tuple[str, ...] = ("time_s", "drive_command_rad", "drive_rad", "drive_current_a", "drive_pwm", "supply_v")
 _DAYS_OF_A_MONTH = 365.2425 / 12
 _HASH, _PLAN = "0" * 64, 'name = "weekly"\n'
 
 
-def make_runs(folder: Path, count: int, seed: int = 0, *, recordings: bool = False) -> None:
-    """Write so many runs of a year into a folder: their results and, where they are asked for, their recordings."""
+def make_runs(folder: Path, count: int, seed: int = 0) -> None:
+    """Write the results of so many runs of a year into a folder."""
     random = np.random.default_rng(seed)
     for number in range(count):
         run = folder / f"run-{number:04d}"
         run.mkdir(parents=True)
         months = _MONTHS * number / max(1, count - 1)
-        path, recording = run / "results.nc", run / "recording.nc"
+        path = run / "results.nc"
         if number % 100 == 51:
             (run / "readme.txt").write_text("somebody else's folder\n", encoding="utf-8")
             continue
         plan = _PLAN.replace("weekly", "aged") if number % 10 == 0 else _PLAN
         save_dataset(synthetic_results(months, random, plan), path)
-        if recordings:
-            hollow_recording(recording)
         if number % 100 == 50:
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         at = (BEGAN + timedelta(days=_DAYS_OF_A_MONTH * months)).timestamp()
-        os.utime(recording if recordings else path, (at, at))
-
-
-def hollow_recording(path: Path) -> None:
-    """Write the recording of a sweep whose samples are a hole in the file."""
-    sizes = {"sample": _SAMPLES, "segment": 4, "tendon": 4, "axis": 3}
-    segments = {
-        "row_size": np.full(4, _SAMPLES // 4),
-        "kind": np.array(["steady"] * 4, dtype=object),
-        "repeat": np.zeros(4, dtype=np.int64),
-        "pretension_mm": np.repeat(PRETENSIONS_MM, 2),
-        "frequency_hz": np.tile([2.5, 3.0], 2),
-        "amplitude_deg": np.full(4, 20.0),
-    }
-    with netCDF4.Dataset(path, "w") as made:
-        made.set_fill_off()
-        for name, size in sizes.items():
-            made.createDimension(name, size)
-        for name in _CHANNELS:
-            row = schema.SAMPLE_VARIABLES[name]
-            made.createVariable(name, "f8", row.dims, contiguous=True).units = row.unit
-            made[name][-1:] = 0.0  # so that the file is as long as if the others were written
-        for name, values in segments.items():
-            kind = str if values.dtype == object else values.dtype
-            made.createVariable(name, kind, ("segment",))[:] = values
-        more: dict[str, Any] = {"schema": schema.RECORDING_SCHEMA, "content_hash": _HASH}
-        made.setncatts(provenance("bench", rig=_rig(), plan=_PLAN, **more))
+        os.utime(path, (at, at))
 
 
 @cache

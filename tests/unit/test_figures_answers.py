@@ -79,17 +79,6 @@ def test_the_page_counts_the_questions_that_are_answered(page: str) -> None:
     assert "The drive lacks." in page
 
 
-def test_the_page_needs_nothing_beside_itself(page: str) -> None:
-    assert asked_outside(page) == []
-    assert len(alternatives(page)) == 4
-    assert all(alternatives(page))
-
-
-def test_what_an_answer_holds_is_not_taken_for_html(page: str) -> None:
-    assert "&lt;it&gt;" in page
-    assert "<it>" not in page
-
-
 def test_an_unbounded_interval_is_shown_as_one(page: str) -> None:
     assert "−∞ to ∞" in page
 

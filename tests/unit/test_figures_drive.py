@@ -1,7 +1,7 @@
 """What the figures of the drive show is what was recorded of it, and what it can do at most."""
 
 import pytest
-from tests.unit.figures_drawn import figures, panel, recording
+from tests.unit.figures_drawn import panel, recording
 from tests.unit.figures_sample import SMALL, drive_share
 
 from sinew.figures.motion import draw_lissajous
@@ -13,22 +13,11 @@ def test_the_sweep_shows_each_group_settling_and_recorded() -> None:
     assert len(sweep.collections) == 2 * len(SMALL[1])
 
 
-def test_the_sweep_names_its_pretension() -> None:
-    assert "0 mm" in panel("figure05_drive_groups", "outline").get_title(loc="left")
-
-
 def test_the_outline_of_a_group_is_the_amplitude_of_its_drive() -> None:
     sweep = panel("figure05_drive_groups", "outline")
     outlines = [c.get_paths()[0].vertices[:, 1] for c in sweep.collections]
     for f, outline in zip(SMALL[1], outlines[1::2], strict=True):
         assert outline.max() == pytest.approx(20.0 * float(drive_share(f)), rel=0.02)
-
-
-def test_the_close_ups_are_of_the_lowest_a_middle_and_the_highest_frequency() -> None:
-    titles = [axes.get_title(loc="left") for axes in figures()["figure05_drive_groups"].axes[1:]]
-    assert titles[0] == "(b) 1.5 Hz"
-    assert titles[-1] == "(d) 6 Hz"
-    assert len(titles) == 3
 
 
 def test_a_recording_without_drive_angle_has_no_driving_oscillation_to_show() -> None:

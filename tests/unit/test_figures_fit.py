@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from tests.tables import rows
 from tests.unit.figures_pages import alternatives, asked_outside
-from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
+from tests.unit.figures_panels import drawn, labelled, titled
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
 from sinew.figures.fit import (
@@ -195,14 +195,6 @@ def test_the_ellipses_of_the_corner_plot_reach_as_far_as_their_shares_and_lean_w
         x, y = outline.get_xy().T  # type: ignore[attr-defined]
         assert x.max() == pytest.approx(np.sqrt(-2 * np.log(1 - share)), rel=1e-3)  # in standard deviations
         assert y[np.argmax(x)] / x.max() == pytest.approx(0.75, abs=0.03)
-
-
-def test_a_single_parameter_has_no_corner() -> None:
-    assert draw_corner(Cloud(("loss_factor",), np.ones(1), np.eye(1))) is None
-
-
-def test_no_type_is_smaller_than_eight_points() -> None:
-    assert smallest_type(figures())[0] >= 8.0
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,14 @@ from tests.unit.figures_panels import drawn, smallest_type, titled
 from tests.unit.figures_sample import foreign_ring_down
 
 from sinew.figures.decay import draw_decay
-from sinew.figures.style import few, frequency_colours, pretension_colours
+from sinew.figures.style import frequency_colours, pretension_colours
 from sinew.measure.arrays import mean_and_spread
 from sinew.measure.errors import FileError
-from sinew.paper.report import CAPTIONS, FIGURES, build_figures, draw_figures
+from sinew.paper.report import FIGURES, build_figures, draw_figures
 
 
 def test_a_campaign_gives_every_figure_in_the_order_of_the_paper() -> None:
     assert list(figures()) == list(FIGURES)
-
-
-def test_every_figure_has_a_caption_and_no_caption_lacks_its_figure() -> None:
-    assert list(CAPTIONS) == list(FIGURES)
 
 
 @pytest.mark.slow
@@ -67,13 +63,6 @@ def test_no_type_is_smaller_than_eight_points() -> None:
     assert smallest_type(figures())[0] >= 8.0
 
 
-def test_no_flat_panel_has_a_frame_above_or_to_the_right() -> None:
-    flat = [a for f in figures().values() for a in f.axes if a.name != "3d" and a.get_label() != "<colorbar>"]
-    shown = [a.spines[side].get_visible() for a in flat for side in ("top", "right")]
-    assert len(flat) > 20
-    assert not any(shown)
-
-
 @pytest.mark.parametrize("colours", [pretension_colours, frequency_colours])
 def test_colours_become_lighter_evenly_and_stay_dark_enough_for_white_paper(colours: object) -> None:
     rgb = colours(np.arange(13.0))[:, :3]  # type: ignore[operator]
@@ -82,14 +71,6 @@ def test_colours_become_lighter_evenly_and_stay_dark_enough_for_white_paper(colo
     lightness = 116 * np.cbrt(luminance) - 16
     assert np.diff(lightness).min() > 2.0
     assert 1.05 / (luminance.max() + 0.05) > 1.75
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 13, 31, 32])
-@pytest.mark.parametrize("at_most", [3, 4, 7, 9])
-def test_a_choice_of_few_keeps_the_first_and_the_last(count: int, at_most: int) -> None:
-    chosen = few(count, at_most)
-    assert (chosen[0], chosen[-1]) == (0, count - 1)
-    assert chosen.size == len(set(chosen.tolist())) <= at_most
 
 
 def test_mean_and_spread_leave_out_what_was_not_measured() -> None:

@@ -14,7 +14,6 @@ from sinew.figures.predicted import (
     draw_comparison,
     draw_predicted,
     draw_predicted_map,
-    shortened,
     stretches,
     upper_gain,
     write_prediction,
@@ -62,11 +61,6 @@ def test_a_curve_is_cut_where_its_stability_changes() -> None:
     assert parts == [(slice(0, 2), True), (slice(1, 5), False), (slice(4, 6), True)]
 
 
-def test_a_stable_curve_is_one_stretch_and_a_point_is_none() -> None:
-    assert stretches([True] * 5) == [(slice(0, 5), True)]
-    assert stretches([True]) == []
-
-
 def test_no_line_leads_over_points_that_are_missing() -> None:
     """Of six points the fourth and the second have none before them; the first stands alone then and is no line."""
     assert stretches([True] * 6, [3]) == [(slice(0, 3), True), (slice(3, 6), True)]
@@ -77,13 +71,6 @@ def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:
     one = Curves("", (0.0,), (bent(0.0),), float(np.degrees(1.0)))
     found = upper_gain(one, np.array([2.5, 3.2, 4.0]))[0]
     assert found == pytest.approx([0.1 + 0.9 * 0.5 / 1.5, 0.1 + 0.9 * 1.2 / 1.5, 0.4 - 0.3 * 1.0 / 1.5])
-
-
-def test_the_gain_is_by_the_commanded_amplitude() -> None:
-    figure = draw_predicted(curves())
-    left = figure.axes[0]
-    tallest = max(np.max(np.asarray(line.get_ydata())) for line in left.lines)
-    assert tallest == pytest.approx(1.0 / np.radians(30.0))
 
 
 def test_the_phase_plot_of_a_prediction_is_the_lag_of_its_branch_in_degrees_with_its_folds() -> None:
@@ -108,11 +95,6 @@ def test_the_comparison_names_each_rig_and_marks_each_resonance() -> None:
     assert {"one", "two", "(c) one", "(d) two"} <= texts(figure)
     line = figure.axes[0].lines[1]
     assert np.asarray(line.get_ydata()) == pytest.approx([b.peak.frequency_hz for b in curves("", 1.0).branches])  # type: ignore[union-attr]
-
-
-def test_a_long_name_is_cut_above_a_panel() -> None:
-    assert len(shortened("x" * 90, 3)) <= 23
-    assert shortened("short", 3) == "short"
 
 
 def test_a_map_needs_three_pretensions() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.unit.figures_panels import labelled, smallest_type, titled
+from tests.unit.figures_panels import labelled, titled
 
 from sinew.figures.tuned import draw_tracking
 
@@ -53,7 +53,3 @@ def test_what_moved_is_drawn_from_its_lock_on_and_what_was_wanted_beside_it() ->
     np.testing.assert_allclose(tracked, np.column_stack([TURNS["frequency_hz"], TURNS["torsion_deg"]])[7:])
     wanted = labelled(titled(figure, "frequency"), "wanted")
     assert wanted[1:3].tolist() == [[2.0, 3.4], [8.0, 3.6]]
-
-
-def test_no_type_is_smaller_than_8_points() -> None:
-    assert smallest_type({"stood": draw_tracking([STOOD], EXPECTED), "moved": draw_tracking([MOVED], EXPECTED)})[0] >= 8

@@ -11,7 +11,7 @@ import pytest
 from tests.experiments.run_index import make_runs
 
 from sinew.analysis.runs import INDEX, RunIndex
-from sinew.apps.dashboard.work.runs import index_of, look_at_runs, read_run
+from sinew.apps.dashboard.work.runs import index_of, look_at_runs
 from sinew.measure.files.netcdf import load_dataset, save_dataset
 
 
@@ -87,12 +87,6 @@ def test_an_index_that_is_damaged_or_of_another_version_is_made_anew(tmp_path: P
     assert refreshed(runs, Reader()) == []
 
 
-def test_an_index_that_is_a_folder_is_done_without(tmp_path: Path) -> None:
-    runs = folder_of(tmp_path, "a")
-    (runs / INDEX).mkdir()
-    assert refreshed(runs, Reader()) == ["a"]
-
-
 def test_what_was_broken_for_a_moment_is_read_again(tmp_path: Path) -> None:
     runs = folder_of(tmp_path, "a")
     answers: list[OSError | dict[str, Any]] = [OSError("too many open files"), {"state": "complete", "found": []}]
@@ -155,13 +149,6 @@ def test_two_processes_at_once_index_every_run_once(tmp_path: Path) -> None:
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     assert [int(one.communicate()[0]) for one in both] == [12, 12]
     assert len(index_of(tmp_path / "runs").search()) == 12
-
-
-def test_results_alone_tell_resonance_damping_and_gain(tmp_path: Path) -> None:
-    make_runs(tmp_path, 1)
-    row = read_run(tmp_path / "run-0000")
-    assert (row["rig"], row["source"], row["analysed"]) == ("bench", "bench", True)
-    assert [set(one) >= {"resonance_hz", "damping_ratio", "gain_peak"} for one in row["found"]] == [True, True]
 
 
 def test_results_that_were_cut_short_are_a_damaged_row(tmp_path: Path) -> None:

@@ -48,11 +48,6 @@ def test_the_duration_is_the_sum_of_rests_settles_periods_and_decays() -> None:
     assert check_plan(plan, RIG).duration_s == pytest.approx(2 * (2 + 3 * (3 + 2 + 3 + 1) + 2 * (3 + 5)))
 
 
-def test_samples_are_the_duration_at_the_sample_rate() -> None:
-    preview = check_plan(plan_with(sweep__frequency_hz=(2.0, 4.0), ring_down__frequency_hz=(4.0, 4.0)), RIG)
-    assert preview.samples == pytest.approx(preview.duration_s * 200)
-
-
 REFUSALS = {
     "pretension": ({"pretension__pretension_mm": (0.0, 18.0)}, "a pretension of 18 mm, the rig allows 0 to 16 mm"),
     "amplitude": ({"sweep__amplitude_deg": 50.0}, "sweep asks for 50°, the rig allows 45°"),
@@ -109,11 +104,6 @@ def test_tension_and_torsion_are_judged_where_the_caller_knows_them(
     known: dict[str, Any], severity: str, sentence: str
 ) -> None:
     assert sentence in sentences(check_plan(load_plan("short"), RIG, **known), severity)
-
-
-def test_a_list_of_tensions_must_match_the_pretensions() -> None:
-    with pytest.raises(ValueError, match="2 values for 3 pretensions"):
-        check_plan(load_plan("short"), RIG, tension_n=(1.0, 2.0))
 
 
 def test_a_drive_that_reaches_no_frequency_is_said_to() -> None:
@@ -183,15 +173,6 @@ def test_the_stages_of_a_plan_follow_each_other_and_last_as_long_as_the_bench_ta
     ends = [stage.start_s + stage.duration_s for stage in stages]
     assert [stage.start_s for stage in stages[1:]] == pytest.approx(ends[:-1])
     assert ends[-1] == pytest.approx(check_plan(plan, load_rig("paper")).bench_s)
-
-
-def test_each_group_of_a_short_plan_is_a_stage_and_a_long_plans_are_taken_together() -> None:
-    first, paper = (load_plan(name) for name in ("first", "paper"))
-    records = ("rest", "steady", "ring-down")
-    assert [stage.frequency_hz for stage in stages_of(first) if stage.kind == "steady"] == [2.5, 3.2, 4.0] * 2
-    told = [stage for stage in stages_of(paper) if stage.kind in records]
-    assert len(told) == 3 * len(paper.pretension.pretension_mm)
-    assert sum(stage.groups for stage in told) == len(paper.groups())
 
 
 HEAVY = design_rig(RIG, Design(head_mass=6.33, head_height=0.25))

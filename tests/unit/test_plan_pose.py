@@ -1,6 +1,5 @@
 """The pose of a plan: what it means, what is refused, and who refuses it."""
 
-import json
 import math
 from typing import Any, cast
 
@@ -9,7 +8,6 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from sinew.apps.cli import main
 from sinew.apps.dashboard.run_desk import read_specs
 from sinew.apps.dashboard.work.design import preview_document
 from sinew.bench.preflight import refuse_unready
@@ -151,12 +149,6 @@ def test_the_bench_refuses_to_drive_tendons_that_hold_currents() -> None:
     plan = SWAYING.model_copy(update={"impulse": None, "pretension": pretension})
     with pytest.raises(SpecError, match=r"mode current, the bench drives tendons that hold positions"):
         refuse_unready(cast(Any, None), cast(Any, None), plan)
-
-
-def test_the_json_of_a_check_has_the_pose_both_ways(capsys: pytest.CaptureFixture) -> None:
-    main(["check", "bent", "--json"])
-    pose = json.loads(capsys.readouterr().out)["pose"]
-    assert pose == pytest.approx({"bend_deg": 20.0, "azimuth_deg": 90.0, "pitch_deg": -20.0, "roll_deg": 0.0})
 
 
 def test_a_plan_that_tracks_takes_no_pose() -> None:

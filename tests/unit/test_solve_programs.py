@@ -8,7 +8,6 @@ from pathlib import Path
 import jax
 import pytest
 
-from sinew.solve import programs
 from sinew.solve.programs import configure
 
 pytestmark = pytest.mark.slow
@@ -47,17 +46,6 @@ def test_a_program_is_compiled_once_for_all_processes(tmp_path: Path) -> None:
 def test_where_no_folder_can_be_written_programs_are_compiled_each_time(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     assert [hits_in_another_process(tmp_path / "file") for _ in range(2)] == [0, 0]
-
-
-def test_a_users_own_level_of_jaxs_log_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = jax.config.jax_logging_level
-    monkeypatch.setenv("JAX_LOGGING_LEVEL", "ERROR")
-    try:
-        jax.config.update("jax_logging_level", "ERROR")
-        programs._begun.__wrapped__()
-        assert jax.config.jax_logging_level == "ERROR"
-    finally:
-        jax.config.update("jax_logging_level", before)
 
 
 def test_jax_logs_nothing_below_what_ends_the_process() -> None:

@@ -17,7 +17,6 @@ from sinew.tune.track import (
     Ramp,
     SwingControl,
     design_loop,
-    lag_error,
 )
 
 MODE = Mode(3.5, 0.07)
@@ -59,13 +58,6 @@ def test_a_sample_that_comes_twice_counts_once() -> None:
         twice.add(float(phase), math.sin(phase) ** 3 + phase)
         twice.add(float(phase), 17.0)
     assert once.phasor(math.tau) == twice.phasor(math.tau)
-
-
-@pytest.mark.parametrize("lag_deg", [-30.0, 0.0, 60.0, 90.0, 150.0, 200.0])
-def test_the_error_is_the_lag_less_a_quarter_turn(lag_deg: float) -> None:
-    lever = 0.2 * cmath.exp(0.7j)
-    torsion = 0.9 * cmath.exp(1j * (0.7 - math.radians(lag_deg)))
-    assert math.degrees(lag_error(lever, torsion)) == pytest.approx(lag_deg - 90.0)
 
 
 @pytest.mark.parametrize("damping", [0.02, 0.05, 0.1])
@@ -122,15 +114,6 @@ def test_a_lock_takes_a_whole_turn_below_and_ends_with_a_whole_turn_above() -> N
     assert lock.update(0.6, 7.0)
     assert not lock.update(0.6, 8.1)
     assert (lock.cycles, lock.losses) == (4.7, 1)
-
-
-def test_a_lock_outlasts_a_short_silence_only() -> None:
-    lock = Lock()
-    lock.update(0.0, 1.0)
-    lock.update(0.0, 2.5)
-    assert lock.update(None, 3.0)
-    assert lock.update(None, 6.9)
-    assert not lock.update(None, 7.1)
 
 
 def test_the_command_rises_gently_and_to_what_was_asked() -> None:

@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import find_peaks
 
-from sinew.measure.errors import SpecError
 from sinew.mechanics.joint import State, dissipation, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.plan import Group
@@ -154,11 +153,6 @@ def test_prescribed_lever_follows_its_command_exactly(rig: RigSpec) -> None:
     lever = simulate_tracks(lanes, [group], SAMPLE_HZ)[0].lever
     time_s = np.arange(lever.size) / SAMPLE_HZ
     np.testing.assert_allclose(lever, np.radians(20) * np.sin(2 * np.pi * 4.0 * time_s), atol=1e-5)
-
-
-def test_unknown_effect_is_refused_with_the_list_of_known_ones() -> None:
-    with pytest.raises(SpecError, match=r"unknown effect 'gravity'.*guide_friction"):
-        Effects().without("gravity")
 
 
 def test_progress_counts_up_to_the_whole_simulated_time(rig: RigSpec) -> None:
