@@ -88,7 +88,7 @@ def test_a_unit_of_the_file_becomes_si_without_a_rounding_error() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     rows(r"""
-        pulley_radius  => pully_radius  => unknown rig key tendons.pully_radius; did you mean pulley_radius?
+        presliding_angle => presliding_angel => unknown rig key tendons.presliding_angel; did you mean presliding_angle?
         [bus] => [bus]\nlow_pass = 3 => unknown rig key bus.low_pass; did you mean imu.low_pass?
         [bus] => [bus]\nzzz = 3 => expected one of stamp_jitter, drive_delay
         [bus] => [buss] => unknown rig key buss; did you mean bus?

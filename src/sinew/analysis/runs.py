@@ -94,7 +94,8 @@ _SET_EXACTLY = 1e-6  # mm: what rounding makes of a pretension
 
 def parse_search(text: str) -> Search:
     """Return what is searched. Raises SpecError, naming the part, where it cannot be understood."""
-    words, ranges = [], []
+    words: list[str] = []
+    ranges: list[tuple[str, float, float]] = []
     for part in text.split():
         if (found := re.fullmatch(r"([A-Za-z_]\w*)(=|[<>:!]=?)(.*)", part)) is None:
             words.append(part.casefold())
@@ -151,8 +152,9 @@ class RunIndex:
     ) -> int:
         """Read the folders that are new or have changed, forget those that are gone, and return how many are left out.
 
-        Left out is what was not read in the time there was, or has a name that cannot be printed. most_s:
-        no folder is begun after so long [s]; the rest waits for the next refresh. progress: gets (done, total). Raises FileError where the folder cannot be listed.
+        Left out is what was not read in the time there was, or has a name that cannot be printed. most_s: no folder is
+        begun after so long [s]; the rest waits for the next refresh. progress: gets (done, total). Raises FileError
+        where the folder cannot be listed.
         """
         began = time.monotonic()
         stamps, left = self._folders()
@@ -289,9 +291,9 @@ def fit_line(days: Array, values: Array, stds: Array) -> Line | None:
         between = float(optimize.brentq(lambda one: fitted(one)[-1] - freedom, 0.0, most, rtol=1e-6))
     slope, middle, centre, weight, squares = fitted(between)
     scale = math.sqrt(max(1.0, squares / freedom))
-    stds = scale / np.sqrt([weight @ (days - centre) ** 2, weight.sum()])
-    both = (Estimate.student(one, float(std), freedom) for one, std in zip((slope, middle), stds, strict=True))
-    return Line(*both, centre, math.sqrt(between), freedom)
+    of_slope, of_middle = (scale / np.sqrt([weight @ (days - centre) ** 2, weight.sum()])).tolist()
+    ends = Estimate.student(slope, of_slope, freedom), Estimate.student(middle, of_middle, freedom)
+    return Line(*ends, centre, math.sqrt(between), freedom)
 
 
 @dataclass(frozen=True, repr=False)

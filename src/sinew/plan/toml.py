@@ -172,7 +172,8 @@ def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
 
 def _faults(error: ValidationError, model: type[BaseModel], what: str) -> list[tuple[_Location, str]]:
     """Return (location, sentence) of each fault, unknown keys first: what is meant by a misspelt one is not missing."""
-    keys, meant, found = dict(_keys(model)), set(), []
+    keys, meant = dict(_keys(model)), set[str]()
+    found: list[tuple[_Location, str]] = []
     for one in sorted(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden"):
         *parents, name = map(str, one["loc"] or ("",))
         section, dotted = ".".join(parents), ".".join([*parents, name])

@@ -339,7 +339,7 @@ class Block(NamedTuple):
     number: int
 
 
-class Found(NamedTuple):
+class Candidates(NamedTuple):
     """Candidates of a block, n of them, whether feasible or not. sizes: (n, 5), see `SIZES`; objectives: (n, 3), see
     `OBJECTIVES`; pretension [m] and lever's amplitude [rad] at both ends of the band, (n, 2). excess: the largest, and
     binding: of which of `LIMITS`, (n,)."""
@@ -398,7 +398,7 @@ def _search(logits: jax.Array, weights: jax.Array, modulus: jax.Array, frame: Fr
     return sizes, found.objectives, found.excess, found.pretension, found.lever
 
 
-def search_block(block: Block) -> Found:
+def search_block(block: Block) -> Candidates:
     """Return the improved candidates of a block."""
     configure()
     rig = parse_rig(block.rig)
@@ -411,7 +411,7 @@ def search_block(block: Block) -> Found:
     excess = np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
     worst, binding = excess.max(axis=1), excess.argmax(axis=1)
     feasible = (worst <= _CLOSE) & np.isfinite(objectives).all(axis=1)
-    return Found(
+    return Candidates(
         block.shape, block.material, block.modulus, sizes, objectives, pretension, lever, feasible, worst, binding
     )
 
@@ -521,7 +521,7 @@ class Failed(Result):
     excess: Annotated[float, Field("exceeded by", unit="%")]
 
 
-def nearest_failures(found: Sequence[Found]) -> tuple[Failed, ...]:
+def nearest_failures(found: Sequence[Candidates]) -> tuple[Failed, ...]:
     """Return of each shape and silicone the candidate that breaks its limits least, the nearest first; those that break
     none are left out."""
     names, failed = list(LIMITS), []
@@ -663,7 +663,7 @@ def _confirmed(one: Proposal, confirmed: Rows[Confirmed]) -> Proposal:
     return replace(one, confirmed=confirmed, error=error, is_confirmed=sure)
 
 
-def drafts_of(found: Sequence[Found], text: str, target: DesignTarget, count: int) -> list[Draft]:
+def drafts_of(found: Sequence[Candidates], text: str, target: DesignTarget, count: int) -> list[Draft]:
     """Return at most `count` candidates for exact evaluation: of each shape those that are not dominated by another of
     that shape, as far apart as may be."""
     shapes = list(dict.fromkeys(one.shape for one in found))
