@@ -87,21 +87,13 @@ def test_all_sixteen_problems_are_tried() -> None:
 
 @each_start
 @each_problem
-def test_the_parameters_have_six_certified_digits(name: str, start: int) -> None:
-    assert digits(solution(name, start).values, dataset(name)[0][:, 2]) >= 6
-
-
-@each_start
-@each_problem
-def test_the_standard_deviations_have_five_certified_digits(name: str, start: int) -> None:
-    found = solution(name, start)
-    assert digits(covariance(found.jacobian, found.residual).std, dataset(name)[0][:, 3]) >= 5
-
-
-@each_start
-@each_problem
-def test_the_search_says_that_it_converged(name: str, start: int) -> None:
-    assert solution(name, start).converged
+def test_parameters_have_six_certified_digits_standard_deviations_five_and_the_search_converged(
+    name: str, start: int
+) -> None:
+    found, rows = solution(name, start), dataset(name)[0]
+    assert found.converged
+    assert digits(found.values, rows[:, 2]) >= 6
+    assert digits(covariance(found.jacobian, found.residual).std, rows[:, 3]) >= 5
 
 
 # The search of the analyses ends at 1e-7 and begins near. From afar it finds what MINPACK finds at the same tolerance

@@ -77,10 +77,7 @@ def test_the_page_counts_the_questions_that_are_answered(page: str) -> None:
     assert "answers 4 of 5 questions" in page
     assert CANNOT_TELL in page
     assert "The drive lacks." in page
-
-
-def test_an_unbounded_interval_is_shown_as_one(page: str) -> None:
-    assert "−∞ to ∞" in page
+    assert "−∞ to ∞" in page  # of an unbounded interval
 
 
 def test_the_page_says_what_was_switched_off_and_how_to_rebuild_it(page: str) -> None:

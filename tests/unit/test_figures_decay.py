@@ -10,18 +10,13 @@ from sinew.figures.decay import draw_damping, linear_decay
 from sinew.figures.motion import Motion
 
 
-def test_the_envelope_falls_with_the_decay_rate_of_the_results() -> None:
+def test_the_envelope_falls_with_the_decay_rate_of_the_results_and_passes_through_the_peaks() -> None:
     right = panel("figure09_decay", "envelope")
     time, envelope = labelled(right, "±A exp(−λt)").T
     middle = np.asarray(right.lines[2].get_ydata())
     half = (envelope - middle) / 2
     rate = np.log(half[0] / half[-1]) / (time[-1] - time[0])
     assert rate == pytest.approx(float(results()["paper_decay_rate_per_s"].values[0, 0]), rel=1e-6)
-
-
-def test_the_envelope_passes_through_the_peaks() -> None:
-    right = panel("figure09_decay", "envelope")
-    time, envelope = labelled(right, "±A exp(−λt)").T
     peaks = labelled(right, "peaks")
     assert len(peaks) > 8
     np.testing.assert_allclose(np.abs(peaks[:, 1]), np.interp(peaks[:, 0], time, envelope), atol=0.02 * envelope[0])

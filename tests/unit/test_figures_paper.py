@@ -37,32 +37,12 @@ def row(rows: list[Row], text: str) -> Row:
 
 def test_the_summary_has_the_keys_that_scripts_rely_on() -> None:
     summary = summarise(campaign(), wall_s=1.0, simulated_s=2.0, rig=load_rig("paper"))
-    assert list(summary) == [
-        "pretension_mm",
-        "resonance_hz",
-        "resonance_hz_std",
-        "gain",
-        "gain_std",
-        "paper_resonance_hz",
-        "paper_gain",
-        "gain_measured_drive",
-        "phase_90_hz",
-        "drive_amplitude_deg_at_resonance",
-        "energy",
-        "ring_down",
-        "resonance",
-        "decay_windows",
-        "paper",
-        "wall_s",
-        "simulated_s",
-    ]
-    assert list(summary["ring_down"]) == [
-        "pretension_mm",
-        "decay_rate_per_s",
-        "omega_rad_s",
-        "lehr_damping",
-        "lehr_damping_std",
-    ]
+    curves = "pretension_mm resonance_hz resonance_hz_std gain gain_std paper_resonance_hz paper_gain"
+    curves += " gain_measured_drive phase_90_hz drive_amplitude_deg_at_resonance"
+    parts = "energy ring_down resonance decay_windows paper wall_s simulated_s"
+    assert list(summary) == [*curves.split(), *parts.split()]
+    decays = "pretension_mm decay_rate_per_s omega_rad_s lehr_damping lehr_damping_std"
+    assert list(summary["ring_down"]) == decays.split()
     keys = ["quantity", "paper", "measured", "tolerance", "ok", "where", "role", "reason"]
     assert all(list(r) == keys for r in summary["paper"])
 

@@ -70,12 +70,8 @@ def page(figures: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def test_every_tag_that_opens_is_closed(page: str) -> None:
-    assert outline(page).open == []
-
-
-def test_the_page_asks_for_nothing_from_outside(page: str) -> None:
-    assert asked_outside(page) == []
+def test_the_page_is_whole_and_asks_for_nothing_from_outside(page: str) -> None:
+    assert (outline(page).open, asked_outside(page)) == ([], [])
 
 
 def test_every_figure_is_in_the_page_with_words_for_those_who_cannot_see_it(page: str) -> None:
