@@ -47,6 +47,9 @@ def test_a_wiring_comes_back_from_its_text() -> None:
     )
     rig = PAPER.model_copy(update={"wiring": wiring})
     assert parse_rig(dump_rig(rig)).wiring == wiring
+    three = parse_rig(WITHOUT.replace("count = 4", "count = 3"))
+    found = three.model_copy(update={"wiring": three.wiring.model_copy(update={"baud": 4_000_000})})
+    assert parse_rig(dump_rig(found, WITHOUT)) == found  # into a file that has none
 
 
 @pytest.mark.parametrize(

@@ -336,8 +336,9 @@ def _write(table: Any, model: BaseModel, before: BaseModel | None) -> None:
             table.pop(name, None)
         elif value != getattr(before, name, None):
             if _is_section(value):
+                was = getattr(before, name, None) if name in table else None  # a new section is written whole
                 table.setdefault(name, tomlkit.table())
-                _write(table[name], value, getattr(before, name, None))
+                _write(table[name], value, was)
             elif isinstance(value, Parameter):
                 table.setdefault(name, tomlkit.inline_table())
                 _write_parameter(table[name], value)
