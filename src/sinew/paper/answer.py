@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sinew.measure.arrays import Array
-from sinew.measure.estimate import Estimate, finite, interval, typeset
+from sinew.measure.estimate import Estimate, interval, typeset
+from sinew.measure.result import plain
 
 Cell = float | Estimate
 
@@ -65,18 +66,9 @@ class Answer:
 
     def to_json(self) -> dict[str, Any]:
         """Return the answer as plain numbers, lists and texts; what is not finite becomes null."""
-        rows = [
-            {name: cell.to_json() if isinstance(cell, Estimate) else finite(cell) for name, cell in row.items()}
-            for row in self.rows
-        ]
-        return {
-            "name": self.name,
-            "question": self.question,
-            "verdict": self.verdict,
-            "sentences": list(self.sentences),
-            "numbers": {name: one.to_json() for name, one in self.numbers.items()},
-            "rows": rows,
-        }
+        said = {"name": self.name, "question": self.question, "verdict": self.verdict, "sentences": self.sentences}
+        found: dict[str, Any] = plain(said | {"numbers": self.numbers, "rows": self.rows})
+        return found
 
 
 def rows_of(**columns: Sequence[Cell]) -> tuple[dict[str, Cell], ...]:
