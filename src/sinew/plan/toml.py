@@ -381,7 +381,7 @@ def _item(value: object) -> Any:
         if sum(len(item.as_string()) + 2 for item in items) <= 90:
             array.extend(items)
             return array
-        in_line = max(1, 96 // max(len(item.as_string()) + 2 for item in items))
+        in_line = max(1, 100 // max(len(item.as_string()) + 2 for item in items))
         for at in range(0, len(items), in_line):
             array.add_line(*items[at : at + in_line])
         array.add_line(indent="")
