@@ -56,15 +56,18 @@ def texts(figure: Figure) -> set[str]:
     return {text.get_text() for text in figure.findobj(Text)}
 
 
-def test_a_curve_is_cut_where_its_stability_changes() -> None:
-    parts = stretches([True, True, False, False, True, True])
-    assert parts == [(slice(0, 2), True), (slice(1, 5), False), (slice(4, 6), True)]
-
-
-def test_no_line_leads_over_points_that_are_missing() -> None:
-    """Of six points the fourth and the second have none before them; the first stands alone then and is no line."""
-    assert stretches([True] * 6, [3]) == [(slice(0, 3), True), (slice(3, 6), True)]
-    assert stretches([True, True, True, False, False, False], [1, 3]) == [(slice(1, 3), True), (slice(3, 6), False)]
+@pytest.mark.parametrize(
+    ("stable", "missing", "parts"),
+    [
+        ([True, True, False, False, True, True], [], [(0, 2, True), (1, 5, False), (4, 6, True)]),
+        ([True] * 6, [3], [(0, 3, True), (3, 6, True)]),
+        ([True, True, True, False, False, False], [1, 3], [(1, 3, True), (3, 6, False)]),  # the first stands alone
+    ],
+)
+def test_a_curve_is_cut_where_its_stability_changes_and_where_points_are_missing(
+    stable: list[bool], missing: list[int], parts: list[tuple[int, int, bool]]
+) -> None:
+    assert stretches(stable, missing) == [(slice(a, b), one) for a, b, one in parts]
 
 
 def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:

@@ -133,15 +133,12 @@ def test_tendons_that_are_told_to_move_faster_than_their_motors_can_are_warned_o
     )
 
 
-@pytest.mark.parametrize("ask", [read_specs, preview_document])
-def test_the_dashboard_refuses_a_plan_that_no_bench_can_drive(ask: Any) -> None:
+@pytest.mark.parametrize(
+    "ask", [read_specs, preview_document, lambda *_: refuse_unready(cast(Any, None), cast(Any, None), SWAYING)]
+)
+def test_dashboard_and_bench_refuse_blows_before_anything_is_asked_of_a_motor(ask: Any) -> None:
     with pytest.raises(SpecError, match=r"blows about .*, the bench has no hammer"):
         ask(dump_plan(SWAYING), dump_rig(RIG))
-
-
-def test_the_bench_refuses_blows_before_it_asks_anything_of_a_motor() -> None:
-    with pytest.raises(SpecError, match=r"blows about .*, the bench has no hammer"):
-        refuse_unready(cast(Any, None), cast(Any, None), SWAYING)
 
 
 def test_the_bench_refuses_to_drive_tendons_that_hold_currents() -> None:
