@@ -113,7 +113,9 @@ def parse_search(text: str) -> Search:
                 f"found {part!r} in the search, expected words and ranges of numbers as f_r=3..3.4, f_r=3.2.. or "
                 f"pretension=6, of pretension, {', '.join(_NAMES)}"
             )
-        ranges.append((column, ends[0] - _SET_EXACTLY, ends[0] + _SET_EXACTLY) if one else (column, *sorted(ends)))
+        least, most = sorted((ends[0], ends[0]) if one else ends)
+        near_mm = _SET_EXACTLY if one else 0.0
+        ranges.append((column, least - near_mm, most + near_mm))
     return Search(tuple(words), tuple(ranges))
 
 

@@ -57,7 +57,10 @@ def runs(
         return
     made = Rows(trends(found, quantity))
     if not made:
-        console.remark(f"no run that is found has {quantity}; search for others, or analyse them with --analyse")
+        said = f"no run that is found has {quantity}; search for others, or analyse them with --analyse"
+        if out is not None:
+            raise SpecError(said)
+        console.remark(said)
     elif out is not None:
         from sinew.figures.page import save_trends
 
