@@ -19,7 +19,6 @@ from tests.unit.emulator_stand_in import StandIn, paper_rig
 
 from sinew.emulator.device import Board, ControlTable, ImuNode
 from sinew.emulator.line import Line
-from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
     BROADCAST,
@@ -131,8 +130,8 @@ class EmulatedNode:
         plant = StandIn()
         plant.gyro = cast(Any, tuple(count * imu.gyro_lsb.value for count in GYRO_COUNTS))
         plant.acceleration = cast(Any, tuple(count * imu.accelerometer_lsb.value for count in FORCE_COUNTS))
-        self.mechanics = Mechanics(plant)
-        self.imu = ImuNode(spec, self.mechanics, np.random.default_rng(0), ppm=0.0)
+        self.plant = plant
+        self.imu = ImuNode(spec, plant, np.random.default_rng(0), ppm=0.0)
         self.baud = BAUD
         self.line = Line([self.imu])
         self._spoke = self._heard = 0.0
@@ -152,18 +151,18 @@ class EmulatedNode:
         self.line.devices = [*puppets, self.imu]
         self.line.host_baud = self.baud
         data = bytes_of(wire)
-        self.line.receive(data, self.mechanics.time)
-        self._heard = self.imu.clock(self.mechanics.time + len(data) * 10 / self.baud)
+        self.line.receive(data, self.plant.time)
+        self._heard = self.imu.clock(self.plant.time + len(data) * 10 / self.baud)
         self.rest(0.05)
-        return packets_of(self.line.transmit(self.mechanics.time))
+        return packets_of(self.line.transmit(self.plant.time))
 
     def rest(self, seconds: float) -> None:
-        until = self.mechanics.time + seconds
+        until = self.plant.time + seconds
         while (due := min(self.imu.due, self.line.due)) <= until:
-            self.mechanics.go_to(due)
+            self.plant.advance(due)
             self.imu.advance(due)
             self.line.work(due)
-        self.mechanics.go_to(until)
+        self.plant.advance(until)
 
     @property
     def latched(self) -> tuple[float, float]:

@@ -69,7 +69,7 @@ def test_an_emergency_while_the_tension_is_let_down_freezes_all_motors_and_then_
         bench.rig,
         bench.port,
         "release",
-        lambda _: frozen.append((bench.port.now() - asked, bench.emulated.frozen())),
+        lambda _: frozen.append((bench.port.now() - asked, bench.emulated.frozen_since() is not None)),
         emergency_asked=lambda: bench.port.now() >= asked,
     )
     after, is_frozen = frozen[-1]

@@ -61,7 +61,7 @@ def pulled(tmp_path_factory: pytest.TempPathFactory) -> Pulled:
     with Journal.create(path, dump_plan(PLAN), dump_rig(RIG)) as journal:
         report = Runner(virtual.rig, virtual.port, PLAN, journal, tension, listener=Puller(bench)).run()
     last_byte = virtual.rig.bus.left_wire
-    goal = bench.motors[5].horn.law.goal
+    goal = bench.motors[5].servo.law.goal
     tripped: dict[int, float] = {}
     caught: dict[int, float] = {}
     travel = dict.fromkeys(bench.motors, 0.0)

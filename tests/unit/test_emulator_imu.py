@@ -8,7 +8,6 @@ import pytest
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
 from sinew.emulator.device import ImuNode
-from sinew.emulator.plant import Mechanics
 from sinew.hardware.registers import OPENCR_NODE, decode
 from sinew.plan.rig import Imu
 
@@ -29,19 +28,18 @@ class Node:
 
     def __init__(self, imu: Imu, *, seed: int = 0, **more: object) -> None:
         self.plant = StandIn()
-        self.mechanics = Mechanics(self.plant)
-        self.imu = ImuNode(imu, self.mechanics, np.random.default_rng(seed), **more)  # type: ignore[arg-type]
+        self.imu = ImuNode(imu, self.plant, np.random.default_rng(seed), **more)  # type: ignore[arg-type]
 
     def run(self, until: float) -> None:
         while self.imu.due <= until:
             due = self.imu.due
-            self.mechanics.go_to(due)
+            self.plant.advance(due)
             self.imu.advance(due)
-        self.mechanics.go_to(until)
+        self.plant.advance(until)
 
     def get(self, *names: str) -> list[float]:
         start, length = OPENCR_NODE.block(names)
-        answer = self.imu.answer(start, length, self.mechanics.time)
+        answer = self.imu.answer(start, length, self.plant.time)
         assert answer is not None
         rows = [OPENCR_NODE[name] for name in names]
         return [decode(row, answer.params[row.address - start : row.stop - start]) for row in rows]
@@ -132,7 +130,7 @@ def test_samples_come_at_200_hz_by_the_nodes_own_crystal(ppm: float) -> None:
 
 def test_the_microseconds_wrap_at_32_bits() -> None:
     node = Node(chip(), ppm=0.0)
-    node.mechanics.go_to(2**32 * 1e-6 - 0.5)
+    node.plant.advance(2**32 * 1e-6 - 0.5)
     node.imu.due, node.imu._count = 2**32 * 1e-6, int(2**32 * 1e-6 / 5e-3) + 200
     node.run(2**32 * 1e-6 + 2.0)
     assert node.get("sample_time")[0] < 3.0

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.unit.emulator_stand_in import Bench, StandIn, paper_rig
 
 from sinew.emulator.motor import Motor
-from sinew.emulator.plant import Horn, Law, Mechanics
+from sinew.emulator.plant import Law
 from sinew.hardware import codec as ask
 from sinew.hardware.bus import Outcome
 from sinew.hardware.codec import Instruction, Status
@@ -555,13 +555,13 @@ def test_a_motor_set_to_protocol_1_is_silent() -> None:
     )
 )
 def test_no_instruction_makes_a_motor_raise(asked: list[tuple[int, bytes, int, float]]) -> None:
-    mechanics = Mechanics(StandIn(1))
-    motor = Motor(XH430_W350, Horn(mechanics, 0, 1, 2048))
+    plant = StandIn(1)
+    motor = Motor(XH430_W350, plant, 0, 1)
     for code, params, device, pause in asked:
-        mechanics.go_to(mechanics.time + pause)
-        motor.heed(mechanics.time)
-        status = motor.obey(Instruction(device, code, params), mechanics.time)
-        motor.advance(mechanics.time)
-        answer = motor.answer(0, 148, mechanics.time)
+        plant.advance(plant.time + pause)
+        motor.heed(plant.time)
+        status = motor.obey(Instruction(device, code, params), plant.time)
+        motor.advance(plant.time)
+        answer = motor.answer(0, 148, plant.time)
         assert status is None or status.number <= 7
         assert answer is None or len(answer.params) == 148

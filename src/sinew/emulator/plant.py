@@ -1,14 +1,12 @@
-"""What an emulated motor asks of the mechanics, and what the mechanics answer.
+"""The mechanics behind the emulated motors: each sets a `Law` for its horn, the joint moves on and gives a `Motion`.
 
-The device side (registers, modes, limits) sets a `Law` for each horn; the mechanics side (`Plant`) moves on in time and
-tells a `Motion`. Angles are at the horn, in the motor's own positive sense being *pulling* for a tendon motor and
-the lever's positive sense for the drive; everything is in SI.
+Angles are at the horn; a motor's positive sense is pulling for a tendon's and the lever's own for the drive; all is SI.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -18,7 +16,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.drive import duty_for
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE, SERVOS
+from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, SERVOS
 from sinew.solve.programs import configure
 
 GEAR_HOLD = 0.1
@@ -80,37 +78,6 @@ class Motion:
     acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class Plant(Protocol):
-    """Mechanics behind the motors; motor 0..n-1 pull the tendons, motor n is the drive."""
-
-    def set_law(self, motor: int, law: Law) -> None:
-        """Give a motor another law, from now on."""
-
-    def set_supply(self, voltage: float) -> None:
-        """Feed the motors another voltage [V], from now on."""
-
-    def stick(self, tendon: int, stuck: bool) -> None:
-        """Hold a tendon's motor where it is (a jammed pulley), or let it go."""
-
-    def slip(self, tendon: int, length: float) -> None:
-        """Let so much cable slip out of a pulley [m], at once."""
-
-    def push(self, torque: float) -> None:
-        """Push the head about the joint's axis with a torque from now on [N m]; positive as the torsion is."""
-
-    def place_lever(self, angle: float) -> None:
-        """Put the lever at an angle to the head [rad], at once and at rest, as a hand does while its motor is off."""
-
-    def advance(self, until: float) -> None:
-        """Move on to a time [s]; one that has passed changes nothing."""
-
-    def motion(self) -> Motion:
-        """Return the state at the time last advanced to."""
-
-    def horn(self, motor: int) -> HornMotion:
-        """Return one motor of that state, without the others."""
-
-
 class JointPlant:
     """The twin's joint behind one motor for each tendon and one for the lever; see `emulator.joint`.
 
@@ -119,11 +86,12 @@ class JointPlant:
     frame B [rad]. in_space: whether the joint is a rod with a heavy head, which bends and sways; else its head has no
     inertia across its axis, and a second of it costs a thirtieth.
 
-    All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
-    at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`, and in a shorter one to
-    where a law changes, which acts from then on. The drive is told as it is at the moment. Of the rest `motion` tells
-    how it has gone on since the last tick: angles at their speed, rates at their acceleration, tensions and the
-    tendons' currents as they were.
+    Time passes by `advance`; the joint follows it only when somebody looks or pushes, and what is told is of `time`
+    exactly. Motor 0..n-1 pull the tendons, motor n is the drive. All are off at first, and fed with the rig's
+    drive.supply_voltage. The joint starts untwisted and unpulled, at its rest tilt; in space it hangs under its weight.
+    It moves in ticks of `joint.TICK_S`, and in a shorter one to where a law changes, which acts from then on. The drive
+    is told as it is at the moment. Of the rest `motion` tells how it has gone on since the last tick: angles at their
+    speed, rates at their acceleration, tensions and the tendons' currents as they were.
 
     Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
     let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
@@ -159,7 +127,8 @@ class JointPlant:
         self._stuck = [False] * count
         self._supply = spec.drive.supply_voltage.value
         self._push = 0.0
-        self._ticks, self._counted_from, self._until = 0, 0.0, 0.0
+        self._ticks, self._counted_from, self.time = 0, 0.0, 0.0
+        self._horns: dict[int, HornMotion] = {}  # of `time`, as far as somebody has asked
         self._begin(slack_m)
 
     def _begin(self, slack_m: Sequence[float]) -> None:
@@ -178,6 +147,7 @@ class JointPlant:
         self._go(0)
 
     def set_law(self, motor: int, law: Law) -> None:
+        """Give a motor another law, from now on."""
         self._reach_present()
         old, self._laws[motor] = self._laws[motor], law
         if motor == self.count:
@@ -190,16 +160,20 @@ class JointPlant:
             self._anchor(motor)
 
     def set_supply(self, voltage: float) -> None:
+        """Feed the motors another voltage [V], from now on."""
         self._reach_present()
         self._supply = voltage
         self._order_all()
 
     def stick(self, tendon: int, stuck: bool) -> None:
+        """Hold a tendon's motor where it is (a jammed pulley), or let it go."""
         self._reach_present()
         self._stuck[tendon] = stuck
         self._order_tendon(tendon)
 
     def slip(self, tendon: int, length: float) -> None:
+        """Let so much cable slip out of a pulley [m], at once."""
+        self.catch_up()
         state, now, order = self._now, self._where.now, self._where.tendons
         give = 0.0 if self._stuck[tendon] else float(self._tendons[order.compliance[tendon]])
         before = float(state[now.tension[tendon]])
@@ -211,32 +185,43 @@ class JointPlant:
         self._go(0)
 
     def push(self, torque: float) -> None:
+        """Push the head about the joint's axis with a torque from now on [N m]; positive as the torsion is."""
         self._reach_present()
         self._push = torque
         self._order_drive()
 
     def place_lever(self, angle: float) -> None:
-        body = self._body
-        self._now[body.lever] = self._now[self._where.now.goal] = angle
-        self._now[body.lever_rate] = 0.0
+        """Put the lever at an angle to the head [rad], at once and at rest, as a hand does while its motor is off."""
+        self.catch_up()
+        self._now[self._body.lever] = self._now[self._where.now.goal] = angle
+        self._now[self._body.lever_rate] = 0.0
         self._go(0)
 
     def advance(self, until: float) -> None:
-        if until <= self._until:
-            return
-        self._until = until
-        ticks = math.floor((until - self._counted_from) / TICK_S + 1e-6) - self._ticks
+        """Let time pass to a moment [s]; one that has passed changes nothing."""
+        if until > self.time:
+            self.time = until
+            self._horns.clear()
+
+    def catch_up(self) -> None:
+        """Move the joint on to the last tick before `time`."""
+        ticks = math.floor((self.time - self._counted_from) / TICK_S + 1e-6) - self._ticks
         if ticks > 0:
             self._go(ticks)
             self._ticks += ticks
 
     def motion(self) -> Motion:
+        """Return how everything moves at `time`."""
         tendons = tuple(self.horn(i) for i in range(self.count))
-        head = self._body.head(self._seen, self._late())
-        return Motion(self._until, self.horn(self.count), tendons, self.tension, *head)
+        drive, head = self.horn(self.count), self._body.head(self._seen, self._late())
+        return Motion(self.time, drive, tendons, self.tension, *head)
 
     def horn(self, motor: int) -> HornMotion:
-        return self._tendon_motion(motor, self._late()) if motor < self.count else self._drive_motion()
+        """Return how one motor moves at `time`, without the others."""
+        if motor not in self._horns:
+            self.catch_up()
+            self._horns[motor] = self._tendon_motion(motor) if motor < self.count else self._drive_motion()
+        return self._horns[motor]
 
     @property
     def pretension(self) -> float:
@@ -244,6 +229,7 @@ class JointPlant:
 
         A goal is what a motor holding its position would have been told for the tension that there is.
         """
+        self.catch_up()
         state, now = self._now, self._where.now
         wound = state[now.horn] + state[now.tension] / self.spec.tendons.servo_stiffness.value
         ends = self._tendons[self._where.tendons.cable_end] - wound
@@ -252,26 +238,31 @@ class JointPlant:
     @property
     def tension(self) -> tuple[float, ...]:
         """The tension of every tendon [N], at the last tick."""
+        self.catch_up()
         return tuple(self._seen[i] for i in self._where.now.tension)
 
     @property
     def state(self) -> Any:
         """The state of the equations of motion, as numbers, at the last tick: `Tilting`, or `SpaceState`."""
+        self.catch_up()
         where = self._where.now.motion
         return jax.tree.map(lambda w: np.array(self._seen)[w] if np.ndim(w) else self._seen[w], where)
 
     def _late(self) -> float:
         """Return how long ago the last tick was [s]."""
-        return self._until - self._counted_from - self._ticks * TICK_S
+        return self.time - self._counted_from - self._ticks * TICK_S
 
     def _reach_present(self) -> None:
-        """Move on to the present, by less than a tick, and count ticks from here."""
+        """Move on to the present, in the end by less than a tick, and count ticks from here: something changes."""
+        self.catch_up()
+        self._horns.clear()
         if (late := self._late()) > _INSTANT_S:
             self._go(1, late)
-            self._ticks, self._counted_from = 0, self._until
+            self._ticks, self._counted_from = 0, self.time
 
     def _go(self, ticks: int, tick_s: float = TICK_S) -> None:
         out = self._after(ticks, tick_s)
+        self._horns.clear()
         self._now = out[: self._now.size].copy()
         self._seen = out.tolist()
 
@@ -366,7 +357,7 @@ class JointPlant:
             duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
         return HornMotion(seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
-    def _tendon_motion(self, tendon: int, late: float) -> HornMotion:
+    def _tendon_motion(self, tendon: int) -> HornMotion:
         seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]
         horn, speed = seen[now.horn[tendon]], seen[now.horn_speed[tendon]]
         pull = self._stuck_pull(tendon) if self._stuck[tendon] else seen[now.tension[tendon]]
@@ -375,7 +366,7 @@ class JointPlant:
         else:
             duty = pull / float(self._tendons[order.stall[tendon]])
             duty += speed / max(1e-9, float(self._tendons[order.fastest[tendon]]))
-        angle = (horn + late * speed) / self._radius
+        angle = (horn + self._late() * speed) / self._radius
         return HornMotion(angle, speed / self._radius, pull * self._newton, max(-1.0, min(1.0, duty)))
 
     def _stuck_pull(self, tendon: int) -> float:
@@ -388,81 +379,3 @@ class JointPlant:
         if law.kind == "velocity":
             return limit * ((law.goal > 0) - (law.goal < 0))
         return limit
-
-
-# The devices meet the mechanics: one plant, moved on only when somebody looks or pushes.
-
-
-class Mechanics:
-    """The plant and the time the devices are at, which the plant follows when it is needed.
-
-    Laws take effect, and motion is told, at `time` exactly; in between the plant may lag.
-    """
-
-    def __init__(self, plant: Plant) -> None:
-        self.plant = plant
-        self.time = 0.0
-        self._at = -1.0
-        self._motion: Motion | None = None
-        self._horns: dict[int, HornMotion] = {}
-
-    def go_to(self, time: float) -> None:
-        """Let the devices be at a time [s], not before the present one."""
-        self.time = max(self.time, time)
-
-    def catch_up(self) -> Plant:
-        """Return the plant, moved on to `time`, to be changed: what was known of its motion is forgotten."""
-        if self._at != self.time:
-            self.plant.advance(self.time)
-            self._at = self.time
-        self._motion = None
-        self._horns.clear()
-        return self.plant
-
-    def motion(self) -> Motion:
-        """Return the motion at `time`."""
-        if self._motion is None or self._at != self.time:
-            self._motion = self.catch_up().motion()
-        return self._motion
-
-    def horn(self, index: int) -> HornMotion:
-        """Return how one horn moves at `time`."""
-        if self._at != self.time:
-            self.catch_up()
-        if index not in self._horns:
-            self._horns[index] = self.plant.horn(index)
-        return self._horns[index]
-
-
-class Horn:
-    """One motor's end of the mechanics, in the counts of its encoder.
-
-    index: of the motor in the plant; one beyond the tendons is the drive. sign: of the counts that the plant's
-    positive sense makes. zero_counts: what the encoder reads at the plant's angle zero. law, law_since: what controls
-    the horn, and since when [s].
-    """
-
-    def __init__(self, mechanics: Mechanics, index: int, sign: int, zero_counts: float) -> None:
-        self.index, self.sign, self.zero_counts = index, sign, zero_counts
-        self._mechanics = mechanics
-        self.law = Law()
-        self.law_since = 0.0
-        mechanics.plant.set_law(index, self.law)
-
-    def motion(self) -> HornMotion:
-        """Return how the horn moves at present, in the plant's sense."""
-        return self._mechanics.horn(self.index)
-
-    def counts_of(self, angle: float) -> float:
-        """Return the encoder's counts, turns and fractions included, at an angle [rad] of the plant."""
-        return self.zero_counts + self.sign * angle / PULSE
-
-    def angle_of(self, counts: float) -> float:
-        """Return the plant's angle [rad] at the encoder's counts."""
-        return self.sign * (counts - self.zero_counts) * PULSE
-
-    def set_law(self, law: Law) -> None:
-        """Control the horn by another law from now on."""
-        if law != self.law:
-            self._mechanics.catch_up().set_law(self.index, law)
-            self.law, self.law_since = law, self._mechanics.time
