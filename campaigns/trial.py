@@ -9,7 +9,7 @@ recording that lacks a group that was reported as done; an early end where nothi
 import math
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +26,7 @@ from sinew.bench.run import Runner, RunReport
 from sinew.emulator.bench import EmulatedRig, MotorState, VirtualPort
 from sinew.emulator.device import SAMPLE_PERIOD
 from sinew.emulator.faults import Faults
-from sinew.emulator.plant import HornMotion, JointPlant, Motion
+from sinew.emulator.plant import JointPlant, Motion
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array

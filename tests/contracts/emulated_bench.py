@@ -53,7 +53,11 @@ class WatchedPort(VirtualPort):
 
 
 def virtual_port(
-    monkeypatch: pytest.MonkeyPatch, spec: RigSpec | None = None, plant: JointPlant | None = None, *, baud: int | None = None
+    monkeypatch: pytest.MonkeyPatch,
+    spec: RigSpec | None = None,
+    plant: JointPlant | None = None,
+    *,
+    baud: int | None = None,
 ) -> WatchedPort:
     """Have the command line find this port, and its time, wherever it looks for a serial port."""
     spec = spec or load_rig("paper")

@@ -17,7 +17,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.device import Board, ControlTable, ImuNode
+from sinew.emulator.device import ControlTable, Device, ImuNode
 from sinew.emulator.line import Line
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
@@ -97,16 +97,15 @@ def packets_of(data: bytes) -> list[Packet]:
     return Decoder().feed(data)
 
 
-class _Puppet(Board):
+class _Puppet(Device):
     """Another device of the emulated line, which answers what it is told."""
+
+    fast_reads_from = 0
+    is_node = True
 
     def __init__(self, device: int, data: bytes | None, baud: int) -> None:
         super().__init__(ControlTable(RegisterTable("puppet", 1, OPENCR_NODE.rows)), 1, device, baud)
         self.data = data
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        return True
 
     def hears(self, now: float) -> bool:
         return self.data is not None

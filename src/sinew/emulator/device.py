@@ -173,16 +173,6 @@ class Device:
         return self.registers.get("status_return_level", 2)
 
     @property
-    def alert(self) -> bool:
-        """Whether it reports a hardware error in every status."""
-        return self.registers.get("hardware_error_status", 0) != 0
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        """Whether it takes part in fast sync and bulk reads."""
-        return self.firmware >= self.fast_reads_from
-
-    @property
     def is_locked(self) -> bool:
         """Whether registers that are kept without power may not be written."""
         return False
@@ -271,8 +261,9 @@ class Device:
         return self.registers.parts(address, data, locked=self.is_locked)
 
     def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
-        """Return a status with an error number, and the alert where there is one."""
-        return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
+        """Return a status with an error number, and the alert where it has a hardware error."""
+        alert = self.registers.get("hardware_error_status", 0) != 0
+        return Status(self.id if sender is None else sender, number | 0x80 * alert, data)
 
     def _register(self, instruction: Instruction) -> int:
         """Keep a reg write until `_act`; return 0 or the error number."""

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from sinew.emulator.joint import TICK_S, InSpace, Upright
+from sinew.emulator.joint import FAR, TICK_S, DriveOrder, InSpace, TendonOrder, Upright
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.drive import duty_for
@@ -23,7 +23,6 @@ GEAR_HOLD = 0.1
 """Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
 
 _INSTANT_S = 1e-6  # the unit of every time stamp on the bench
-_FAR = 1e3  # [m] or [m/s]: no bound
 _AT_ONCE = 1e9  # [rad]: a goal without a speed limit
 
 LawKind = Literal["off", "pwm", "velocity", "position", "current"]
@@ -122,7 +121,9 @@ class JointPlant:
         self._newton = spec.tendons.current(1.0)  # [A/N]
         self._body: Upright | InSpace = InSpace(spec, rest_tilt) if in_space else Upright(spec, rest_tilt)
         self._p, self._where = self._body.p, self._body.where
-        self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())
+        self._now = np.zeros(sum(map(np.size, jax.tree.leaves(self._where))))
+        self._tendons, self._drive = np.zeros((len(TendonOrder._fields), count)), np.zeros(len(DriveOrder._fields) + 2)
+        self._order = TendonOrder(*self._tendons)  # the rows of the orders
         self._laws = [Law()] * (count + 1)
         self._stuck = [False] * count
         self._supply = spec.drive.supply_voltage.value
@@ -132,12 +133,12 @@ class JointPlant:
         self._begin(slack_m)
 
     def _begin(self, slack_m: Sequence[float]) -> None:
-        state, now = self._now, self._where.now
+        state, now = self._now, self._where
         bent, unpulled = self._body.begin(state), self.spec.tendons
         across = unpulled.base_radius.value - unpulled.head_radius.value
         ends = math.hypot(unpulled.free_span.value, across) + np.asarray(slack_m, dtype=float)
         stiffness = self.spec.tendons.cable_stiffness.value
-        self._tendons[self._where.tendons.cable_end] = ends
+        self._order.cable_end[:] = ends
         state[now.span] = bent
         state[now.tension] = np.maximum(0.0, stiffness * (bent - ends))
         self._order_all()
@@ -152,7 +153,7 @@ class JointPlant:
         old, self._laws[motor] = self._laws[motor], law
         if motor == self.count:
             if law.kind != old.kind:
-                self._now[self._where.now.goal] = self._now[self._body.lever]
+                self._now[self._where.goal] = self._now[self._body.lever]
             self._order_drive()
             return
         self._order_tendon(motor)
@@ -174,12 +175,12 @@ class JointPlant:
     def slip(self, tendon: int, length: float) -> None:
         """Let so much cable slip out of a pulley [m], at once."""
         self.catch_up()
-        state, now, order = self._now, self._where.now, self._where.tendons
-        give = 0.0 if self._stuck[tendon] else float(self._tendons[order.compliance[tendon]])
+        state, now, order = self._now, self._where, self._order
+        give = 0.0 if self._stuck[tendon] else order.compliance[tendon]
         before = float(state[now.tension[tendon]])
         stiffness = 1 / (1 / self.spec.tendons.cable_stiffness.value + give)
         after = max(0.0, before - stiffness * length)
-        self._tendons[order.cable_end[tendon]] += length
+        order.cable_end[tendon] += length
         state[now.horn[tendon]] += (before - after) * give
         state[now.tension[tendon]] = after
         self._go(0)
@@ -193,7 +194,7 @@ class JointPlant:
     def place_lever(self, angle: float) -> None:
         """Put the lever at an angle to the head [rad], at once and at rest, as a hand does while its motor is off."""
         self.catch_up()
-        self._now[self._body.lever] = self._now[self._where.now.goal] = angle
+        self._now[self._body.lever] = self._now[self._where.goal] = angle
         self._now[self._body.lever_rate] = 0.0
         self._go(0)
 
@@ -230,22 +231,22 @@ class JointPlant:
         A goal is what a motor holding its position would have been told for the tension that there is.
         """
         self.catch_up()
-        state, now = self._now, self._where.now
+        state, now = self._now, self._where
         wound = state[now.horn] + state[now.tension] / self.spec.tendons.servo_stiffness.value
-        ends = self._tendons[self._where.tendons.cable_end] - wound
+        ends = self._order.cable_end - wound
         return self._body.first_end - float(ends.mean())
 
     @property
     def tension(self) -> tuple[float, ...]:
         """The tension of every tendon [N], at the last tick."""
         self.catch_up()
-        return tuple(self._seen[i] for i in self._where.now.tension)
+        return tuple(self._seen[i] for i in self._where.tension)
 
     @property
     def state(self) -> Any:
         """The state of the equations of motion, as numbers, at the last tick: `Tilting`, or `SpaceState`."""
         self.catch_up()
-        where = self._where.now.motion
+        where = self._where.motion
         return jax.tree.map(lambda w: np.array(self._seen)[w] if np.ndim(w) else self._seen[w], where)
 
     def _late(self) -> float:
@@ -268,18 +269,18 @@ class JointPlant:
 
     def _after(self, ticks: int, tick_s: float) -> Array:
         """Return the numbers after some ticks of a length [s] under the present laws."""
-        where, steps = self._where, self._body.steps
-        self._drive[where.steps], self._drive[where.step_s] = ticks * steps, tick_s / steps
+        steps = self._body.steps
+        self._drive[-2:] = tick_s / steps, ticks * steps
         return self._body.move_on(self._now, self._tendons, self._drive)
 
     def _anchor(self, tendon: int) -> None:
         """Let a motor's position loop start from where its horn is, under the tension there is."""
-        state, now, order = self._now, self._where.now, self._where.tendons
+        state, now, order = self._now, self._where, self._order
         if self._laws[tendon].kind in ("position", "velocity"):
-            give = state[now.tension[tendon]] * self._tendons[order.compliance[tendon]]
+            give = state[now.tension[tendon]] * order.compliance[tendon]
             state[now.wound[tendon]] = state[now.horn[tendon]] + give
         else:
-            state[now.wound[tendon]] = self._tendons[order.goal[tendon]]
+            state[now.wound[tendon]] = order.goal[tendon]
 
     def _order_all(self) -> None:
         for tendon in range(self.count):
@@ -287,95 +288,84 @@ class JointPlant:
         self._order_drive()
 
     def _order_tendon(self, tendon: int) -> None:
-        law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
-        servo = SERVOS[self.spec.wiring.tendon_model]
+        law, radius, servo = self._laws[tendon], self._radius, SERVOS[self.spec.wiring.tendon_model]
         share = servo.supply_share(self._supply)
         stall = max(1e-9, servo.stall_torque * share / radius)
         fastest = servo.no_load_speed * share * radius
-        speed_limit = min(_FAR, law.speed_limit * radius)
-        orders: dict[str, float] = {
-            "goal": _FAR, "speed": 0.0, "compliance": 0.0, "limit": stall * law.duty_limit, "duty": law.duty_limit,
-            "stall": stall, "fastest": fastest, "wind_cap": _FAR, "may_wind": 1.0, "may_pay": 1.0, "follows": 0.0,
-        }  # fmt: skip
+        speed_limit = min(FAR, law.speed_limit * radius)
         limit = min(stall * law.duty_limit, law.current_limit / self._newton)
+        order = TendonOrder(
+            self._order.cable_end[tendon], limit=limit, duty=law.duty_limit, stall=stall, fastest=fastest
+        )
         if law.kind == "position":
-            gain = max(law.gain, 1e-9)
-            orders |= {"goal": law.goal * radius, "speed": min(speed_limit, fastest * law.duty_limit), "limit": limit}
-            orders["compliance"] = self._servo_gain / gain / self.spec.tendons.servo_stiffness.value
+            give = self._servo_gain / max(law.gain, 1e-9) / self.spec.tendons.servo_stiffness.value
+            speed = min(speed_limit, fastest * law.duty_limit)
+            order = order._replace(goal=law.goal * radius, speed=speed, compliance=give)
         elif law.kind == "velocity":
-            orders |= {"goal": math.copysign(_FAR, law.goal), "limit": limit, "follows": 1.0}
-            orders["speed"] = min(abs(law.goal) * radius, fastest * law.duty_limit)
+            speed = min(abs(law.goal) * radius, fastest * law.duty_limit)
+            order = order._replace(goal=math.copysign(FAR, law.goal), speed=speed, follows=1.0)
         elif law.kind == "off":
-            orders |= {"limit": GEAR_HOLD / radius, "duty": 1.0, "may_wind": 0.0}
+            order = order._replace(limit=GEAR_HOLD / radius, duty=1.0, may_wind=0.0)
         else:
-            if law.kind == "current":
-                pull = max(-limit, min(limit, law.goal / self._newton))
-            else:
+            pull = max(-limit, min(limit, law.goal / self._newton))
+            if law.kind == "pwm":
                 pull = stall * max(-law.duty_limit, min(law.duty_limit, law.goal))
-                orders["duty"] = min(law.duty_limit, abs(law.goal))
-            orders |= {"goal": math.copysign(_FAR, pull), "limit": max(0.0, pull), "wind_cap": speed_limit}
-            orders["may_wind"] = float(pull > 0)
-        if held:
-            orders |= {"may_wind": 0.0, "may_pay": 0.0}
-        for name, value in orders.items():
-            self._tendons[getattr(self._where.tendons, name)[tendon]] = value
+                order = order._replace(duty=min(law.duty_limit, abs(law.goal)))
+            winds = {"goal": math.copysign(FAR, pull), "wind_cap": speed_limit, "may_wind": float(pull > 0)}
+            order = order._replace(limit=max(0.0, pull), **winds)
+        if self._stuck[tendon]:
+            order = order._replace(may_wind=0.0, may_pay=0.0)
+        self._tendons[:, tendon] = order
 
     def _order_drive(self) -> None:
         law, p = self._laws[self.count], self._p
-        share = self._supply / self.spec.drive.supply_voltage.value
         constant = float(p.torque_constant)
-        duty_torque = float(p.duty_torque) * share
-        orders: dict[str, float] = dict.fromkeys(self._where.drive._fields, 0.0)
-        orders |= {
-            "push": self._push,
-            "duty_limit": law.duty_limit,
-            "on": float(law.kind != "off"),
-            "duty_torque": duty_torque,
-        }
-        orders["torque_limit"] = min(1e9, constant * law.current_limit)
+        duty_torque = float(p.duty_torque) * (self._supply / self.spec.drive.supply_voltage.value)
+        torque_limit = min(1e9, constant * law.current_limit)
+        order = DriveOrder(self._push, duty_torque, law.duty_limit, torque_limit, on=float(law.kind != "off"))
         if law.kind == "position":
-            orders |= {"goal": law.goal, "gain": law.gain}
             limited = math.isfinite(law.speed_limit)
-            orders |= {"speed": law.speed_limit if limited else 0.0, "jump": 0.0 if limited else _AT_ONCE}
+            at = {"speed": law.speed_limit, "jump": 0.0} if limited else {"speed": 0.0, "jump": _AT_ONCE}
+            order = order._replace(goal=law.goal, gain=law.gain, **at)
         elif law.kind == "velocity":
             feed = float(p.speed_slope) * law.goal / max(1e-9, duty_torque)
-            orders |= {"speed_gain": law.gain, "feed": feed + law.gain * law.goal}
+            order = order._replace(speed_gain=law.gain, feed=feed + law.gain * law.goal)
         elif law.kind == "pwm":
-            orders["feed"] = law.goal
+            order = order._replace(feed=law.goal)
         elif law.kind == "current":
-            orders |= {"by_torque": 1.0, "torque": constant * max(-law.current_limit, min(law.current_limit, law.goal))}
-        for name, value in orders.items():
-            self._drive[getattr(self._where.drive, name)] = value
+            torque = constant * max(-law.current_limit, min(law.current_limit, law.goal))
+            order = order._replace(by_torque=1.0, torque=torque)
+        self._drive[: len(order)] = order
 
     def _drive_motion(self) -> HornMotion:
         late, p = self._late(), self._p
         seen = (self._after(1, late) if late > _INSTANT_S else self._after(0, TICK_S)).tolist()
-        torque, speed = seen[self._where.seen.torque], seen[self._body.lever_rate]
+        torque, speed = seen[self._body.seen_at.torque], seen[self._body.lever_rate]
         duty = 0.0
         if self._laws[self.count].kind != "off":
-            full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
-            duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
+            full = np.maximum(1e-9, DriveOrder(*self._drive[:-2]).duty_torque)
+            duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))
         return HornMotion(seen[self._body.lever], speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
     def _tendon_motion(self, tendon: int) -> HornMotion:
-        seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]
+        seen, now, order, law = self._seen, self._where, self._order, self._laws[tendon]
         horn, speed = seen[now.horn[tendon]], seen[now.horn_speed[tendon]]
         pull = self._stuck_pull(tendon) if self._stuck[tendon] else seen[now.tension[tendon]]
         if law.kind == "off":
             pull = duty = 0.0
         else:
-            duty = pull / float(self._tendons[order.stall[tendon]])
-            duty += speed / max(1e-9, float(self._tendons[order.fastest[tendon]]))
+            duty = pull / float(order.stall[tendon])
+            duty += speed / max(1e-9, float(order.fastest[tendon]))
         angle = (horn + self._late() * speed) / self._radius
         return HornMotion(angle, speed / self._radius, pull * self._newton, max(-1.0, min(1.0, duty)))
 
     def _stuck_pull(self, tendon: int) -> float:
         """Return what a motor whose pulley is jammed pulls with [N], whatever the cable carries."""
-        state, now, order, law = self._now, self._where.now, self._where.tendons, self._laws[tendon]
-        limit = float(self._tendons[order.limit[tendon]])
+        state, now, order, law = self._now, self._where, self._order, self._laws[tendon]
+        limit = float(order.limit[tendon])
         if law.kind == "position":
             lag = float(state[now.wound[tendon]] - state[now.horn[tendon]])
-            return max(-limit, min(limit, lag / float(self._tendons[order.compliance[tendon]])))
+            return max(-limit, min(limit, lag / order.compliance[tendon]))
         if law.kind == "velocity":
             return limit * ((law.goal > 0) - (law.goal < 0))
         return limit
