@@ -74,10 +74,6 @@ def test_a_second_and_a_third_interrupt_change_nothing(interrupted: Interrupted)
     assert (document["safe_state"], document["is_safe"]) == ("release", True)
 
 
-def test_after_a_run_the_signals_are_what_they_were(interrupted: Interrupted) -> None:
-    assert interrupted.signals
-
-
 def test_a_run_that_ended_early_says_how_to_go_on(interrupted: Interrupted) -> None:
     plan, out = interrupted.plan, interrupted.out
     assert interrupted.err.splitlines()[-1] == (

@@ -124,13 +124,6 @@ def test_after_it_no_watchdog_waits_to_bite(state: str, port: WatchedPort, capsy
     assert not any(motor.is_tripped for motor in port.rig.states().values())
 
 
-@pytest.mark.parametrize("state", ["hold", "release"])
-def test_twice_is_as_good_as_once(state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
-    in_motion(port)
-    first, second = (stop(capsys, "--state", state) for _ in range(2))
-    assert (first, port.rig.in_safe_state()) == (second, True)
-
-
 def test_a_held_bench_is_let_go(port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     in_motion(port)
     stop(capsys, "--state", "hold")
@@ -206,11 +199,6 @@ def test_tension_is_let_down_before_the_torque_goes(
 def test_a_state_that_there_is_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     told = stop(capsys, "--state", "off")
     assert told == (2, "", "sinew: found --state off, expected hold or release\n")
-
-
-def test_a_port_that_is_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = stop(capsys, port=str(tmp_path / "ttyUSB9"))
-    assert (told.status, told.out, told.err.count("\n"), "ttyUSB9" in told.err) == (2, "", 1, True)
 
 
 @pytest.mark.slow

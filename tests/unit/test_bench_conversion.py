@@ -20,14 +20,13 @@ from tests.unit.bench_journal import (
     written,
 )
 
-from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.bench.record.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_recording
-from sinew.measure.recording import iterate_segments, segment_slices
+from sinew.measure.recording import iterate_segments
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import LoadCell
 from sinew.plan.toml import dump_rig
@@ -57,14 +56,9 @@ def expected(frequency_hz: float) -> complex:
 
 
 @pytest.mark.parametrize("node", NODES.values(), ids=NODES)
-def test_a_swing_on_two_clocks_keeps_its_amplitude_within_a_thousandth(node: Node, tmp_path: Path) -> None:
+def test_a_swing_on_two_clocks_keeps_amplitude_and_phase(node: Node, tmp_path: Path) -> None:
     ratio = fundamental(recording_from_journal(written(tmp_path, node)), 4.3) / expected(4.3)
     assert abs(ratio) == pytest.approx(1.0, abs=1e-3)
-
-
-@pytest.mark.parametrize("node", NODES.values(), ids=NODES)
-def test_a_swing_on_two_clocks_keeps_its_phase_within_a_fifth_of_a_degree(node: Node, tmp_path: Path) -> None:
-    ratio = fundamental(recording_from_journal(written(tmp_path, node)), 4.3) / expected(4.3)
     assert np.degrees(np.angle(ratio)) == pytest.approx(0.0, abs=0.2)
 
 
@@ -94,17 +88,6 @@ def test_there_is_no_reading_between_two_samples_that_are_three_periods_apart() 
     assert np.isnan(found[:, 0]).tolist() == [False, True, True, False]
 
 
-def test_analysis_takes_the_recording_like_any_other(tmp_path: Path) -> None:
-    results = analyse_recording(recording_from_journal(written(tmp_path)), RIG)
-    assert results["frequency_hz"].values.tolist() == [2.9, 4.3]
-
-
-def test_duty_and_voltage_of_the_tendons_are_in_the_recording(tmp_path: Path) -> None:
-    recording = recording_from_journal(written(tmp_path))
-    assert np.allclose(recording["tendon_pwm"].values, [0.1, 0.2, 0.3, 0.4])
-    assert np.allclose(recording["supply_v"].values, 12.3)
-
-
 def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp_path: Path) -> None:
     noise = Parameter(value=0.02, unit="N", origin="assumed", bounds=(0.0, 1.0))
     rig = dump_rig(RIG.model_copy(update={"load_cell": LoadCell(id=30, tendon=2, noise=noise)}))
@@ -124,12 +107,6 @@ def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp
 def test_the_recording_follows_the_plan_whatever_the_order_of_measuring(tmp_path: Path) -> None:
     recording = recording_from_journal(written(tmp_path, groups=(2, 0, 1)))
     assert recording["kind"].values.tolist() == ["idle", "settle", "steady", "settle", "steady"]
-
-
-def test_time_counts_from_the_first_row(tmp_path: Path) -> None:
-    recording = recording_from_journal(written(tmp_path))
-    starts = [float(recording["time_s"].values[w.start]) for w in segment_slices(recording)]
-    assert np.round(starts, 2).tolist() == [0.0, 20.0, 20.5, 40.0, 40.5]
 
 
 def test_the_latest_finished_attempt_counts(tmp_path: Path) -> None:

@@ -72,10 +72,6 @@ def test_the_recording_holds_the_registers_with_which_the_motors_measured(pair: 
     assert gain == pytest.approx(RIG.drive.position_gain.value, rel=1e-3)
 
 
-def test_the_registers_were_looked_at_after_the_mode_was_set_and_after_every_group(pair: Pair) -> None:
-    assert pair.recording.attrs["register_checks"] == 1 + len(pair.plan.groups())
-
-
 def test_duty_and_current_of_the_drive_keep_its_voltage_equation(pair: Pair) -> None:
     # u = R i + k_e θ̇, with R and no-load speed of the data sheet: 12 V over 2.3 A; 12 V less the current at no load.
     rows = []
@@ -99,15 +95,6 @@ def test_duty_and_current_of_a_tendon_at_rest_are_its_resistance(pair: Pair) -> 
     for where in idle:
         rest = {n: pair.recording[n].values[where].mean(axis=0) for n in ("tendon_pwm", "tendon_current_a", "supply_v")}
         assert np.allclose(rest["tendon_pwm"] * rest["supply_v"] / rest["tendon_current_a"], 12.0 / 1.3, rtol=0.03)
-
-
-def test_the_voltage_is_the_supplys_within_the_registers_unit(pair: Pair) -> None:
-    assert np.abs(pair.recording["supply_v"].values - RIG.drive.supply_voltage.value).max() <= 0.05 + 1e-6
-
-
-def test_the_recording_has_the_segments_of_the_plan(pair: Pair) -> None:
-    kinds = [kind for group in pair.plan.groups() for kind in (["settle"] if group.settle_s else []) + [group.kind]]
-    assert pair.recording["kind"].values.tolist() == kinds
 
 
 # A group follows another's swing here and rest on the twin, which costs up to 0.3 % after so short a settle.

@@ -74,10 +74,6 @@ def pulled(tmp_path_factory: pytest.TempPathFactory) -> Pulled:
     return Pulled(report, last_byte, goal, tripped, travel, bench)
 
 
-def test_the_cable_went_in_the_middle_of_a_swing(pulled: Pulled) -> None:
-    assert abs(pulled.goal) > math.radians(3.0)
-
-
 def test_the_run_ends_with_a_sentence_that_names_the_port(pulled: Pulled) -> None:
     stop = pulled.report.stop
     assert pulled.report.sentence == "the port is gone; plug it in again"

@@ -8,7 +8,7 @@ from sinew.emulator.device import ControlTable
 from sinew.hardware.registers import XH430_W350
 
 RANGE, LENGTH, ACCESS = 4, 5, 7
-LED, GOAL_PWM, GOAL_POSITION, PRESENT_POSITION, TORQUE, ID = 65, 100, 116, 132, 64, 7
+LED, GOAL_POSITION, PRESENT_POSITION, TORQUE, ID = 65, 116, 132, 64, 7
 INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
 
 
@@ -27,14 +27,6 @@ def put(table: ControlTable, address: int, data: bytes, *, locked: bool = False)
 def point(table: ControlTable, nth: int, *targets: int) -> None:
     for at, target in enumerate(targets):
         assert put(table, INDIRECT_ADDRESS + 2 * (nth - 1 + at), target.to_bytes(2, "little")) == 0
-
-
-@pytest.mark.parametrize(
-    ("address", "size", "value"),
-    [(0, 2, 1000), (9, 1, 250), (11, 1, 3), (38, 2, 648), (63, 1, 52), (68, 1, 2), (84, 2, 900), (168, 2, 224)],
-)
-def test_a_new_xh430_holds_the_manuals_initial_values(table: ControlTable, address: int, size: int, value: int) -> None:
-    assert table.read(address, size) == (0, value.to_bytes(size, "little"))
 
 
 def test_a_gap_between_registers_reads_as_zero(table: ControlTable) -> None:
@@ -68,11 +60,6 @@ def test_fewer_bytes_than_the_register_has_are_a_length_error(table: ControlTabl
 )
 def test_a_value_outside_the_registers_range_is_a_range_error(table: ControlTable, address: int, data: bytes) -> None:
     assert put(table, address, data) == RANGE
-
-
-def test_one_write_covers_neighbouring_registers(table: ControlTable) -> None:
-    assert put(table, GOAL_PWM, b"\x0a\x00\xf6\xff") == 0
-    assert (table["goal_pwm"], table["goal_current"]) == (10, -10)
 
 
 def test_a_write_of_which_one_register_is_refused_stores_nothing(table: ControlTable) -> None:

@@ -8,7 +8,7 @@ from sinew.emulator.bench import EmulatedRig, VirtualPort
 from sinew.emulator.faults import DRAWN_KINDS, FAULT_KINDS, Faults, FaultSpec, parse_fault, random_fault
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.registers import OPENCR_NODE, XH430_W350, Register, encode_raw
-from sinew.measure.errors import PortError, SpecError
+from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
 
 BRIEF = {
@@ -147,21 +147,6 @@ def test_the_log_tells_when_a_fault_came_and_went() -> None:
     bench = Bench("imu-freeze@1-1.5", "slip-tendon:tendon=2,by=1mm@0.25").at(3.0)
     log = [(each.time, each.kind, each.what) for each in bench.rig.log]
     assert log == [(0.25, "slip-tendon", "begins"), (1.0, "imu-freeze", "begins"), (1.5, "imu-freeze", "ends")]
-
-
-def test_an_unplugged_master_loses_its_port() -> None:
-    bench = Bench("unplug@1").at(1.01)
-    with pytest.raises(PortError):
-        bench.bus.read(1, 132, 4)
-
-
-def test_in_a_brown_out_nobody_answers() -> None:
-    bench = Bench("brown-out:to=5V@1-2").at(1.5)
-    assert not any(bench.bus.read(device, 0, 2).ok for device in (1, 2, 3, 4, 5, 200))
-
-
-def test_a_sagging_supply_shows_in_the_register_while_the_motors_go_on() -> None:
-    assert Bench("brown-out:to=9V@1").at(1.5).read(1, XH430_W350["present_input_voltage"]) == 90
 
 
 def test_an_overheated_motor_lets_go() -> None:

@@ -183,20 +183,6 @@ def test_a_master_that_does_not_read_holds_nobody_up_and_loses_bytes(served: Ser
     assert served.server.lost > 0
 
 
-def test_a_master_that_reads_late_gets_on_with_what_is_said_now(served: Served) -> None:
-    with opened(served) as master:
-        for number in range(40):
-            served.bench.due = [(0.0, bytes(4000))]
-            served.at(0.001 * number)
-        while master.read(1 << 20):
-            served.clock.time += 0.002
-            served.server.step()
-        served.bench.due = [(0.0, b"now")]
-        served.clock.time += 0.002
-        served.server.step()
-        assert come(master) == b"now"
-
-
 def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
     from sinew.measure.errors import PortError
 

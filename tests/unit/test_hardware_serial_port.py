@@ -44,20 +44,6 @@ def test_bytes_go_out_as_they_are(ends: tuple[int, str]) -> None:
     port.close()
 
 
-def test_bytes_come_in_as_they_are(ends: tuple[int, str]) -> None:
-    far, path = ends
-    port = SerialPort(path, 1_000_000, CLOCK)
-    os.write(far, bytes(range(256)))
-    assert port.read(CLOCK.now() + LONG_S) == bytes(range(256))
-    port.close()
-
-
-def test_a_deadline_that_has_passed_returns_at_once_with_nothing(ends: tuple[int, str]) -> None:
-    port = SerialPort(ends[1], 1_000_000, CLOCK)
-    assert port.read(CLOCK.now() - 1) == b""
-    port.close()
-
-
 def test_a_port_in_use_is_refused(ends: tuple[int, str]) -> None:
     first = SerialPort(ends[1], 1_000_000, CLOCK)
     with pytest.raises(PortError, match=r"cannot open .*no other program on it"):
