@@ -75,13 +75,6 @@ def test_a_sample_that_was_read_twice_counts_once() -> None:
     assert imu_series(own + jitter, own[:, None]).time_s.size == 500
 
 
-def test_a_cubic_between_samples_keeps_a_sine_of_4_hz_within_a_ten_thousandth() -> None:
-    node = np.arange(400) / 200.0
-    rows = np.linspace(0.1, 1.9, 5000)
-    series = imu_series(node, np.sin(2 * np.pi * 4.0 * node)[:, None])
-    assert readings_at(series, rows)[:, 0] == pytest.approx(np.sin(2 * np.pi * 4.0 * rows), abs=1e-4)
-
-
 def test_there_is_no_reading_between_two_samples_that_are_three_periods_apart() -> None:
     node = np.delete(np.arange(400) / 200.0, [200, 201])
     found = readings_at(imu_series(node, node[:, None]), np.array([0.994, 0.996, 1.009, 1.011]))

@@ -44,13 +44,6 @@ def test_a_tilted_plate_is_answered_by_shortening_the_cable_under_its_raised_sid
     assert moved == pytest.approx([0.0, rise, 0.0, -rise], abs=2 * PULSE)  # either goal is in whole counts
 
 
-def test_a_millimetre_of_pretension_turns_the_horns_by_a_millimetre_of_cable() -> None:
-    spec = load_rig("paper")
-    motors = MotorMap(spec, "position", Contact((3.0, 3.1, 2.9, 3.05), 0.042), {})
-    turned = [b - a for a, b in zip(motors.goals(4.0, (0, 0)), motors.goals(5.0, (0, 0)), strict=True)]
-    assert turned == pytest.approx([1e-3 / spec.tendons.pulley_radius.value] * 4, abs=2 * PULSE)
-
-
 def test_a_correction_of_tilt_leaves_the_pretension_where_it_was() -> None:
     # What one tendon takes up its opposite lets go. Rounded to counts one by one, all four may step the same way.
     motors = MotorMap(load_rig("paper"), "position", Contact((3.0, 3.1, 2.9, 3.05), 0.042), {})

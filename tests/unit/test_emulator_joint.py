@@ -189,11 +189,6 @@ def test_a_current_limit_bounds_the_tension_of_a_position_goal() -> None:
     assert plant.tension == pytest.approx([30.0] * 4)
 
 
-def test_a_loaded_motor_stands_behind_its_goal_by_the_servos_give() -> None:
-    plant = _run(_plant(), 4.0, _towards(8e-3))
-    assert plant.motion().tendons[1].angle * RADIUS == pytest.approx(8e-3 - plant.tension[1] / SERVO, rel=1e-9)
-
-
 def test_duty_pulls_with_its_share_of_the_stall_torque() -> None:
     assert _run(_plant(3e-3), 15.0, Law("pwm", 0.08)).tension == pytest.approx([0.08 * STALL_N] * 4, rel=1e-3)
 
@@ -269,13 +264,6 @@ def test_a_horn_never_jumps_whatever_its_law_becomes(orders: list[tuple[int, Law
     assert farthest < 1.6 * NO_LOAD * TICK_S
 
 
-def test_a_tendon_that_goes_slack_and_taut_again_carries_what_it_did() -> None:
-    plant = _run(_plant(), 12.0, _towards(6e-3))
-    before = plant.tension
-    _run(plant, 2.0, _towards(-6e-3))
-    assert _run(plant, 12.0, _towards(6e-3)).tension == pytest.approx(before, rel=1e-4)
-
-
 def test_a_joint_of_stiff_cables_and_light_head_needs_no_smaller_tick() -> None:
     values = {"tendons.cable_stiffness": 1e6, "tendons.servo_stiffness": 5e5, "inertia.head_mass": 0.3}
     guides = {"tendons.head_radius": 0.045, "tendons.base_radius": 0.045}
@@ -315,20 +303,6 @@ def test_the_drives_goal_is_approached_at_its_speed_limit() -> None:
     plant.set_law(4, Law("position", 3.0, 40.0, speed_limit=0.6))
     first = _run(plant, 2.0).motion().drive.angle
     assert _run(plant, 1.0).motion().drive.angle - first == pytest.approx(0.6, rel=0.02)
-
-
-def _in_motion() -> JointPlant:
-    plant = _run(_plant(), 3.0, _by_tension(20.0))
-    plant.set_law(4, Law("position", 0.6, RIG.drive.position_gain.value))
-    return _run(plant, 40 * TICK_S)
-
-
-def test_a_reading_between_two_ticks_lies_on_the_way_between_them() -> None:
-    plant = _in_motion()
-    before = plant.motion().torsion
-    between = _run(plant, 0.6 * TICK_S).motion().torsion
-    after = _run(plant, 0.4 * TICK_S).motion().torsion
-    assert between - before == pytest.approx(0.6 * (after - before), rel=0.02)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.1, 0.5, 0.9])

@@ -157,9 +157,15 @@ def test_nobody_answers_a_wrong_crc_that_is_for_all_or_for_nobody_there(packet: 
             st.builds(
                 lambda device, code, params: encode(ask.Instruction(device, code, params)),
                 st.sampled_from([1, 2, 5, 200, 254]),
-                st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x10, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A, 0xAA]),
+                st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x10, 0x20, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A, 0xAA]),
                 st.one_of(
                     st.binary(max_size=20),
+                    st.builds(
+                        lambda at, data: at.to_bytes(2, "little") + data, st.integers(0, 700), st.binary(max_size=8)
+                    ),
+                    st.sampled_from(
+                        [b"\x40\x00\x01", b"\x40\x00\x00", b"\x0b\x00\x00", b"\x0b\x00\x10", b"\x62\x00\x01"]
+                    ),
                     st.builds(
                         lambda at, size, devices: at.to_bytes(2, "little") + size.to_bytes(2, "little") + devices,
                         st.integers(0, 700),

@@ -3,16 +3,12 @@
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from tests.unit.emulator_stand_in import Bench, StandIn, paper_rig
+from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Law
 from sinew.hardware import codec as ask
 from sinew.hardware.bus import Outcome
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.registers import XH430_W350
 
 # One emulated motor on the line with its torque on, and the manual's numbers for it.
 
@@ -85,13 +81,6 @@ def test_present_registers_tell_the_motion_in_counts() -> None:
     assert [bench.get(M, name) for name in names] == [1948, -100, -442, 133, 25]
 
 
-def test_realtime_tick_counts_milliseconds_and_wraps_at_32768() -> None:
-    bench = Bench()
-    before, then = bench.get(M, "realtime_tick"), bench.port.now()
-    bench.port.wait_until(then + 32.768 + 0.1)
-    assert abs(bench.get(M, "realtime_tick") - before - 100) <= 2
-
-
 # Operating modes of an emulated motor: what each resets, and what law it makes of the registers.
 
 
@@ -159,20 +148,6 @@ def test_no_mode_controls_anything_while_the_torque_is_off(mode: int) -> None:
     for goal in ("goal_pwm", "goal_current", "goal_velocity", "goal_position"):
         bench.put(M, goal, 50)
     assert law(bench) == Law()
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_a_motor_mounted_the_other_way_round_gets_the_opposite_of_every_goal(mode: int) -> None:
-    goals = []
-    for sign in (1, -1):
-        bench = Bench(paper_rig(tendon_pull=(sign, 1, 1, 1)))
-        bench.put(M, "operating_mode", mode)
-        bench.put(M, "torque_enable", 1)
-        for name, count in (("goal_pwm", 90), ("goal_current", 80), ("goal_velocity", 70), ("goal_position", 2500)):
-            bench.put(M, name, count)
-        goals.append(law(bench).goal)
-    assert goals[0] == pytest.approx(-goals[1])
-    assert goals[0] > 0
 
 
 def test_reverse_mode_inverts_positions() -> None:
@@ -451,32 +426,3 @@ def test_a_motor_set_to_protocol_1_is_silent() -> None:
     bench = Bench()
     bench.put(M, "protocol_type", 1)
     assert bench.bus.ping(M).outcome is Outcome.SILENT
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    asked=st.lists(
-        st.tuples(
-            st.sampled_from([1, 2, 3, 4, 5, 6, 8, 16, 0x20, 0x83, 0x93, 0xEE]),
-            st.one_of(
-                st.binary(max_size=12),
-                st.builds(lambda at, data: at.to_bytes(2, "little") + data, st.integers(0, 700), st.binary(max_size=8)),
-                st.sampled_from([b"\x40\x00\x01", b"\x40\x00\x00", b"\x0b\x00\x00", b"\x0b\x00\x10", b"\x62\x00\x01"]),
-            ),
-            st.sampled_from([1, 254]),
-            st.floats(0, 0.1),
-        ),
-        max_size=12,
-    )
-)
-def test_no_instruction_makes_a_motor_raise(asked: list[tuple[int, bytes, int, float]]) -> None:
-    plant = StandIn(1)
-    motor = Motor(XH430_W350, plant, 0, 1)
-    for code, params, device, pause in asked:
-        plant.advance(plant.time + pause)
-        motor.heed(plant.time)
-        status = motor.obey(Instruction(device, code, params), plant.time)
-        motor.advance(plant.time)
-        answer = motor.answer(0, 148, plant.time)
-        assert status is None or status.number <= 7
-        assert answer is None or len(answer.params) == 148

@@ -33,22 +33,18 @@ def test_a_chip_mounted_as_the_wiring_says_gives_what_the_head_does(axes: tuple[
     assert reading.acceleration == pytest.approx(bench.plant.acceleration, abs=0.1)
 
 
-def test_a_sample_is_as_old_as_the_node_says() -> None:
-    reading = imu().decode(answer(sample_us=1_000_000, clock_us=1_003_500), 50.0)
+@pytest.mark.parametrize(
+    ("sample_us", "clock_us", "age_s"),
+    [
+        (1_000_000, 1_003_500, 3.5e-3),
+        (2**32 - 1000, 1500, 2.5e-3),  # over the wrap of the node's clock
+        (1_000_010, 1_000_000, -10e-6),  # it came while the node answered
+    ],
+)
+def test_a_sample_is_as_old_as_the_node_says(sample_us: int, clock_us: int, age_s: float) -> None:
+    reading = imu().decode(answer(sample_us=sample_us, clock_us=clock_us), 50.0)
     assert reading is not None
-    assert reading.time == pytest.approx(50.0 - 3.5e-3)
-
-
-def test_the_age_survives_the_wrap_of_the_nodes_clock() -> None:
-    reading = imu().decode(answer(sample_us=2**32 - 1000, clock_us=1500), 50.0)
-    assert reading is not None
-    assert reading.time == pytest.approx(50.0 - 2.5e-3)
-
-
-def test_a_sample_that_came_while_the_node_answered_is_not_71_minutes_old() -> None:
-    reading = imu().decode(answer(sample_us=1_000_010, clock_us=1_000_000), 50.0)
-    assert reading is not None
-    assert reading.time == pytest.approx(50.0 + 10e-6)
+    assert reading.time == pytest.approx(50.0 - age_s)
 
 
 def test_an_answer_of_an_earlier_cycle_is_no_reading() -> None:

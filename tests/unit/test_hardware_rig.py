@@ -115,19 +115,6 @@ def test_an_alert_is_told_with_the_reading(stand: Stand) -> None:
     assert [motor.alert for motor in reading.tendons if motor] == [False, True, False, False]
 
 
-def test_the_time_of_a_reading_is_when_the_drives_registers_were_read(stand: Stand) -> None:
-    stand.ready()
-    stand.wait(0.1)
-    read_at: list[float] = []
-    drive = stand.rig.motors[5]
-    refresh = drive.refresh
-    drive.refresh = lambda address, length, now: (read_at.append(now), refresh(address, length, now))  # type: ignore[method-assign]
-    stand.rigged.write_goals(0.0, [motor.angle() for motor in stand.rigged.tendons])
-    read_at.clear()
-    reading = stand.rigged.read()
-    assert reading.time == pytest.approx(read_at[0], abs=20e-6)
-
-
 def test_the_time_of_a_sample_is_when_the_node_took_it_also_where_the_drive_is_silent(stand: Stand) -> None:
     stand.rigged.configure()
     node = stand.rig.imu

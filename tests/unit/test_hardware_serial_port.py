@@ -109,19 +109,6 @@ def test_a_port_that_is_lost_in_a_cycle_says_why_and_what_to_do(
     assert "then start again" in str(caught.value)
 
 
-def test_a_byte_that_somebody_else_took_is_no_loss(ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def nothing_now(*_: object) -> bytes:
-        raise BlockingIOError(errno.EAGAIN, "try again")
-
-    far, path = ends
-    port = SerialPort(path, 1_000_000, CLOCK)
-    os.write(far, b"1")
-    monkeypatch.setattr(os, "read", nothing_now)
-    assert port.read(CLOCK.now() + LONG_S) == b""
-    monkeypatch.undo()
-    port.close()
-
-
 def refused(path: str, monkeypatch: pytest.MonkeyPatch, trouble: BaseException) -> str:
     """Return the sentence with which a port is refused where the system says that."""
     import serial
