@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminal
 
 def test_a_step_that_there_is_not_is_refused_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
     said = refused(capsys, "doctor", "--port", "bench", "--guide", "my.toml", "--step", "levers")
-    assert "found --step levers, expected one of devices, settings, board, lever, tendons, constants, check" in said
+    assert "found --step levers, expected one of devices, settings, board, lever, tendons, check" in said
 
 
 def test_a_step_without_a_guide_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,7 +45,7 @@ def test_a_bench_out_of_its_boxes_is_led_to_its_first_run() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wrong", "step", "dies"), [(USED, "lever", False), (DOUBLE, "constants", True)])
+@pytest.mark.parametrize(("wrong", "step", "dies"), [(USED, "lever", False), (DOUBLE, "tendons", True)])
 def test_a_guide_that_is_broken_off_leaves_a_safe_bench_and_finds_all_the_second_time(
     wrong: Wrong, step: str, dies: bool
 ) -> None:

@@ -50,6 +50,14 @@ def test_a_motor_under_torque_is_left_as_it_is(ward: Ward) -> None:
     assert any("torque on, expected off to write current_limit" in finding.found for finding in written)
 
 
+def test_a_motor_that_has_shut_down_is_rebooted(ward: Ward) -> None:
+    ward.rig.motors[2].fail()
+    fixes = list_fixes(ward.findings())
+    written = apply_fixes(ward.rigged, ward.port, [fix for fix in fixes if fix.register == "reboot"])
+    assert [finding.found for finding in written] == ["rebooted"]
+    assert ward.about("tendon 2", "fault") == []
+
+
 def test_what_makes_a_motor_answer_is_written_first() -> None:
     rows = [Fix("drive", name, 1, 0) for name in ("current_limit", "bus_watchdog", "reboot", "status_return_level")]
     ordered = list_fixes([Finding("fault", "drive", "", fix=fix) for fix in rows])

@@ -29,8 +29,6 @@ from sinew.bench.doctor import (
 )
 from sinew.bench.guide_moves import (
     STEP,
-    Answer,
-    LeverMove,
     Pull,
     UnconfirmedError,
     answer_to,
@@ -112,15 +110,16 @@ def rewired(spec: RigSpec, **wiring: object) -> RigSpec:
 def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> list[Seen]:
     """Return who answers, at bauds in this order; by default at all, the rig's and a new motor's first.
 
-    A port need not know every baud. Raises PortError where it knows none.
+    What has just been plugged in is waited for. A port need not know every baud. Raises PortError where it knows none.
     """
     first = (spec.wiring.baud, NEW_BAUD)
     asked = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
     found: list[Seen] = []
     refused: list[PortError] = []
-    for baud in asked:
+    for place, baud in enumerate(asked):
         try:
-            with open_rig(rewired(spec, baud=baud)) as (rig, _):
+            with open_rig(rewired(spec, baud=baud)) as (rig, clock):
+                clock.wait_until(clock.now() + (_STARTS_S if place == 0 else 0.0))
                 for device, reply in sorted(rig.bus.scan().items()):
                     number = int.from_bytes(reply.data[:2], "little") if reply.ok else 0
                     found.append(Seen(device, baud, number, _is_double(rig.bus, device, number)))
@@ -200,11 +199,7 @@ def give_id(open_rig: OpenRig, spec: RigSpec, found: Seen, name: str, number: in
 
 
 class FaultyError(Exception):
-    """A check of a step failed. finding: what is wrong, and what to do."""
-
-    def __init__(self, finding: Finding) -> None:
-        super().__init__(str(finding))
-        self.finding = finding
+    """A check of a step failed; its finding says what is wrong, and what to do."""
 
 
 def require(holds: bool, subject: str, found: str, expected: str, advice: str) -> None:
@@ -337,8 +332,7 @@ def _attempted(guide: Guide, step: Step) -> list[Finding]:
     try:
         return step.run(guide)
     except FaultyError as fault:
-        guide.spec = before
-        return [fault.finding]
+        return list(fault.args)
     except (*TROUBLES, PortError, StartError, LimitError, LostError) as trouble:
         guide.spec = before
         if isinstance(trouble, UnconfirmedError):
@@ -385,7 +379,6 @@ def _one_by_one(guide: Guide) -> list[Finding]:
         person.do(f"plug in {what}, alone of all motors; the board stays", act)
         person.tell(_name_one(guide, label, number, model))
     person.do("plug in all motors", PLUG_ALL)
-    _await_start(guide)
     there = look_around(guide.open_rig, guide.spec, (wiring.baud,))
     why = refuse_incomplete(there, guide.spec)
     require(not why, "bus", why, "all motors", "check that all are plugged in, and repeat this step")
@@ -396,30 +389,21 @@ def _one_by_one(guide: Guide) -> list[Finding]:
 
 def _name_one(guide: Guide, label: str, number: int, model: int) -> Finding:
     """Give the one motor that is plugged in its id and baud. Raises DeviceError where there is another, or more."""
-    _await_start(guide)
     baud = guide.spec.wiring.baud
     seen: list[Seen] = []
     for bauds in ((baud, NEW_BAUD), ()):  # where it is expected, and everywhere else after that
         seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.is_motor]
+    texts = f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected"
     if len(seen) != 1 or seen[0].is_double:
         raise DeviceError(
-            f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected one motor, that of {label}; "
-            "check plug and supply, and that no other motor is on the bus"
+            f"{texts} one motor, that of {label}; check plug and supply, and that no other motor is on the bus"
         )
     found = seen[0]
     if found.number != model:
-        raise DeviceError(
-            f"found {found}, expected a {model_name(model)} as {label}; plug in the right one, or correct the models "
-            "in the rig's [wiring]"
-        )
+        advice = "plug in the right one, or correct the models in the rig's [wiring]"
+        raise DeviceError(f"{texts} a {model_name(model)} as {label}; {advice}")
     give_id(guide.open_rig, guide.spec, found, label, number, baud)
     return Finding("ok", label, f"{found} is id {number} at {baud} baud now")
-
-
-def _await_start(guide: Guide) -> None:
-    """Wait until what was plugged in listens."""
-    with guide.open_rig(guide.spec) as (_, clock):
-        clock.wait_until(clock.now() + _STARTS_S)
 
 
 # What the motors must hold, and what the board says at rest.
@@ -498,26 +482,28 @@ def _find_lever(guide: Guide) -> list[Finding]:
         moving(rig, clock, [rig.drive], guide.check) as loop,
     ):
         bring_lever_home(loop, rig)
-        move = swing_lever(loop)
+        supply = float(np.mean([motor.get("present_input_voltage") for motor in rig.motors]))
+        loop.restart()
+        move = swing_lever(loop, _ROUNDS)
     went = math.degrees(np.ptp(move.angle))
     advice = "is it free, are its screws tight, is the supply on? then repeat this step"
     whole = math.degrees(2 * STEP)
     require(went >= _FOLLOWS * whole, "drive", f"the lever went {went:.1f}°", f"{whole:.0f}°", advice)
-    answer = _answer(move, guide.spec)
-    sign = 1 if answer.share > 0 else -1
-    found = f"middle at {middle} counts, sense {sign:+d}; the head answers with {abs(answer.share):.2f} of its turn"
-    guide.know(drive_zero_counts=middle)
-    return [*guide.learn("drive", drive_sign=sign), Finding("ok", "drive", found)]
-
-
-def _answer(move: LeverMove, spec: RigSpec) -> Answer:
-    """Return how the head answers the lever, as it must."""
-    answer = answer_to(move, spec)
+    answer = answer_to(move, guide.spec)
     found = f"the head turns by {answer.share:+.2f} of the lever, {100 * answer.misfit:.0f} % of it unexplained"
     advice = "is the board on the head plate, the joint free, and x up? then repeat this step"
     is_answer = answer.misfit < _MISFIT and _SHARES[0] < abs(answer.share) < _SHARES[1]
     require(is_answer, "IMU", found, "an answer to the lever's steps", advice)
-    return answer
+    sign = 1 if answer.share > 0 else -1
+    found = f"middle at {middle} counts, sense {sign:+d}; the head answers with {abs(answer.share):.2f} of its turn"
+    guide.know(drive_zero_counts=middle)
+    volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
+    return [
+        *guide.learn("drive", drive_sign=sign),
+        Finding("ok", "drive", found),
+        guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
+        guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
+    ]
 
 
 # The tendons: which stands where, and which way round its pulley winds.
@@ -607,26 +593,6 @@ def _no_pull(rig: Rig, index: int, pull: Pull) -> Finding:
     return Finding("fault", name, found, "a head that leans", advice)
 
 
-# The supply's voltage and the sensor's delay.
-
-
-def _measure_constants(guide: Guide) -> list[Finding]:
-    with guide.open_rig(guide.spec) as (rig, clock):
-        supply = float(np.mean([motor.get("present_input_voltage") for motor in rig.motors]))
-        with moving(rig, clock, [rig.drive], guide.check) as loop:
-            bring_lever_home(loop, rig)
-            swing = swing_lever(loop, _ROUNDS)
-    answer = _answer(swing, guide.spec)
-    found = f"the head turns with the lever ({answer.share:+.2f})"
-    require(answer.share > 0, "drive", found, "against it", "drive_sign is wrong: repeat the step lever")
-    volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
-    return [
-        guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
-        guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
-        Finding("ok", "joint", f"the lever has {answer.share:.2f} of the inertia"),
-    ]
-
-
 def _examine_all(guide: Guide) -> list[Finding]:
     with guide.open_rig(guide.spec) as (rig, clock):
         roll = call_roll(rig)
@@ -641,9 +607,8 @@ STEPS = (
     Step("devices", "who is on the bus, with which id and baud", _find_devices),
     Step("settings", "what the motors must hold", _set_up),
     Step("board", "which way up the sensor is", _find_up),
-    Step("lever", "the lever's middle and sense; it moves by ±6°", _find_lever),
+    Step("lever", "its middle and sense, the supply's voltage, the sensor's delay; it moves by ±6°", _find_lever),
     Step("tendons", "which motor pulls which tendon; one at a time pulls lightly", _find_tendons),
-    Step("constants", "the supply's voltage, the sensor's delay; the lever moves by ±6°", _measure_constants),
     Step("check", "the whole bench as a run will find it; nothing moves", _examine_all),
 )
 """What the guide does, in this order. Each needs what those before it found."""

@@ -14,7 +14,7 @@ import numpy as np
 from sinew.emulator.device import ImuNode, SensorBoard
 from sinew.emulator.faults import Faults, FaultSpec, Happening
 from sinew.emulator.line import Line
-from sinew.emulator.motor import Motor, Servo
+from sinew.emulator.motor import Motor
 from sinew.emulator.plant import JointPlant, Law, Motion
 from sinew.hardware.ports import PLUG_ALL, PLUG_DRIVE, TURN_LEVER
 from sinew.hardware.registers import BAUD_RATES, MOTORS, OPENCR_NODE
@@ -223,11 +223,12 @@ class EmulatedRig:
 
     def states(self) -> dict[int, MotorState]:
         """Return the truth about each motor at the present time, by id at the start."""
-        return {number: self._state(motor.servo, motor) for number, motor in self.motors.items()}
-
-    def _state(self, servo: Servo, motor: Motor) -> MotorState:
-        moved, law_s = servo.motion(), self.time - servo.law_since
-        return MotorState(motor.torque, motor.is_tripped, servo.law, moved.angle, moved.speed, moved.current, law_s)
+        found = {}
+        for number, motor in self.motors.items():
+            law, law_s, moved = motor.servo.law, self.time - motor.servo.law_since, motor.servo.motion()
+            state = moved.angle, moved.speed, moved.current, law_s
+            found[number] = MotorState(motor.torque, motor.is_tripped, law, *state)
+        return found
 
     def stopped(self) -> bool:
         """Return whether no motor moves of its own: each is without torque, or stands still."""

@@ -131,12 +131,26 @@ def _truncate(data: bytes, _spec: FaultSpec, chance: np.random.Generator) -> Arr
     return [(0.0, data[: int(chance.integers(1, len(data)))])] if len(data) > 1 else []
 
 
+def _sets(name: str, of: Callable[[Bench, FaultSpec], object], value: Callable[[list[FaultSpec]], object]) -> Change:
+    """Return what sets an attribute of a part of the bench to what the faults that are there make of it."""
+    return lambda rig, one, there: setattr(of(rig, one), name, value(there))
+
+
 def _motor(rig: Bench, fault: FaultSpec) -> Motor:
     return rig.motors[int(fault.value("motor"))]
 
 
-def _sum(there: list[FaultSpec], key: str) -> float:
-    return sum(fault.value(key) for fault in there)
+def _imu(rig: Bench, _: FaultSpec) -> ImuNode:
+    return rig.imu
+
+
+def _brown_out(rig: Bench, _: FaultSpec, there: list[FaultSpec]) -> None:
+    nominal = rig.spec.drive.supply_voltage.value
+    rig.set_supply(min((one.value("to") for one in there), default=nominal))
+
+
+def _total(key: str) -> Callable[[list[FaultSpec]], float]:
+    return lambda there: sum(fault.value(key) for fault in there)
 
 
 @dataclass(frozen=True)
@@ -157,42 +171,29 @@ class FaultKind:
 
 _P = FaultKey("", 0.0, 1.0, 0.01, drawn=(1e-3, 0.3))
 _MOTOR, _TENDON = FaultKey("", 0, 252), FaultKey("", 1, 12)
+_LATER = FaultKey("s", 0.0, 10.0, 0.02, drawn=(1e-3, 0.1))
+_VOLTS = FaultKey("V", 0.0, 30.0, 5.0, drawn=(3.0, 9.0))
+_HEATING = FaultKey("K/s", 0.0, 1000.0, 20.0, drawn=(5.0, 100.0))
+_LENGTH = FaultKey("mm", 0.0, 100.0, 1.0, drawn=(0.2, 6.0))
+_TORQUE = FaultKey("N*m", 0.0, 20.0, 0.5, drawn=(0.1, 2.0))
 
 FAULT_KINDS: dict[str, FaultKind] = {
     "drop": FaultKind({"p": _P}, "drop:p=0.01", lambda *_: []),
     "flip": FaultKind({"p": _P}, "flip:p=0.01@5-8", _flip),
     "duplicate": FaultKind({"p": _P}, "duplicate:p=0.01", lambda data, *_: [(0.0, data), (0.0, data)]),
-    "delay": FaultKind(
-        {"p": _P, "by": FaultKey("s", 0.0, 10.0, 0.02, drawn=(1e-3, 0.1))},
-        "delay:p=0.01,by=20ms",
-        lambda data, spec, _: [(spec.value("by"), data)],
-    ),
+    "delay": FaultKind({"p": _P, "by": _LATER}, "delay:p=0.01,by=20ms", lambda data, f, _: [(f.value("by"), data)]),
     "truncate": FaultKind({"p": _P}, "truncate:p=0.01", _truncate),
-    "unplug": FaultKind({}, "unplug@12.5", change=lambda rig, _, there: setattr(rig, "unplugged", bool(there))),
-    "brown-out": FaultKind(
-        {"to": FaultKey("V", 0.0, 30.0, 5.0, drawn=(3.0, 9.0))},
-        "brown-out:to=5V@3-3.4",
-        change=lambda rig, _, there: rig.set_supply(
-            min((one.value("to") for one in there), default=rig.spec.drive.supply_voltage.value)
-        ),
-    ),
-    "overload": FaultKind(
-        {"motor": _MOTOR},
-        "overload:motor=2@5",
-        change=lambda rig, one, there: setattr(_motor(rig, one), "is_burdened", bool(there)),
-    ),
+    "unplug": FaultKind({}, "unplug@12.5", change=_sets("unplugged", lambda rig, _: rig, bool)),
+    "brown-out": FaultKind({"to": _VOLTS}, "brown-out:to=5V@3-3.4", change=_brown_out),
+    "overload": FaultKind({"motor": _MOTOR}, "overload:motor=2@5", change=_sets("is_burdened", _motor, bool)),
     "overheat": FaultKind(
-        {"motor": _MOTOR, "rate": FaultKey("K/s", 0.0, 1000.0, 20.0, drawn=(5.0, 100.0))},
-        "overheat:motor=3@5",
-        change=lambda rig, one, there: setattr(_motor(rig, one), "heated_by", _sum(there, "rate")),
+        {"motor": _MOTOR, "rate": _HEATING}, "overheat:motor=3@5", change=_sets("heated_by", _motor, _total("rate"))
     ),
-    "imu-freeze": FaultKind(
-        {}, "imu-freeze@4-4.5", change=lambda rig, _, there: setattr(rig.imu, "frozen", bool(there))
-    ),
+    "imu-freeze": FaultKind({}, "imu-freeze@4-4.5", change=_sets("frozen", _imu, bool)),
     "imu-lose": FaultKind(
         {"share": _P},
         "imu-lose:share=5%@4-9",
-        change=lambda rig, _, there: setattr(rig.imu, "loses", max((f.value("share") for f in there), default=0.0)),
+        change=_sets("loses", _imu, lambda there: max((f.value("share") for f in there), default=0.0)),
         breaks=False,
     ),
     "stuck-tendon": FaultKind(
@@ -201,15 +202,15 @@ FAULT_KINDS: dict[str, FaultKind] = {
         change=lambda rig, one, there: rig.plant.stick(int(one.value("tendon")) - 1, bool(there)),
     ),
     "slip-tendon": FaultKind(
-        {"tendon": _TENDON, "by": FaultKey("mm", 0.0, 100.0, 1.0, drawn=(0.2, 6.0))},
+        {"tendon": _TENDON, "by": _LENGTH},
         "slip-tendon:tendon=2,by=1mm@4",
         change=lambda rig, one, _: rig.plant.slip(int(one.value("tendon")) - 1, 1e-3 * one.value("by")),
         at_once=True,
     ),
     "push": FaultKind(
-        {"torque": FaultKey("N*m", 0.0, 20.0, 0.5, drawn=(0.1, 2.0))},
+        {"torque": _TORQUE},
         "push:torque=0.5@20-20.1",
-        change=lambda rig, _, there: rig.plant.push(_sum(there, "torque")),
+        change=lambda rig, _, there: rig.plant.push(_total("torque")(there)),
         breaks=False,
     ),
 }

@@ -188,17 +188,15 @@ class Servo:
     included, are inverted (the manual says so of positions; of the others it is assumed).
 
     index: of the motor in the plant; one beyond the tendons is the drive. sign: of the counts that the plant's positive
-    sense makes. zero_counts: what the encoder reads at the plant's angle zero.
+    sense makes. zero: what the encoder reads at the plant's angle zero.
     law, law_since: what controls the horn, and since when [s].
     due: when it is to be advanced again [s]. is_on: whether the torque is. is_held: whether it was stopped, and waits
     for another goal. tells_supply: whether its register of the current tells the supply's and not the motor's.
     """
 
-    def __init__(
-        self, registers: ControlTable, plant: JointPlant, index: int, sign: int, zero_counts: float = 2048
-    ) -> None:
+    def __init__(self, registers: ControlTable, plant: JointPlant, index: int, sign: int, zero: float) -> None:
         self._registers, self._plant = registers, plant
-        self._index, self._mounted, self._zero = index, sign, zero_counts
+        self._index, self._mounted, self._zero = index, sign, zero
         self._profile = Profile()
         self.is_on = False
         self._turns = 0.0
@@ -388,6 +386,9 @@ def _clip(value: float, bits: int) -> int:
 # down 4.4 min into a stall at 12 V; overload where the current stays at 80 % of the stall current or more for 1 s. The
 # voltage's bit follows the voltage unless it is in the shutdown mask; all others stay until the motor starts anew.
 
+FIRMWARE = 47
+"""Version that a motor tells; from 45 on they know fast reads and backups of their registers."""
+
 PERIOD = 0.05
 """How often a motor looks after itself [s]."""
 
@@ -409,8 +410,8 @@ _INDIRECT_START = 168
 class Motor(Device):
     """One motor: registers, power, bus watchdog and protection around a `Servo`.
 
-    rows: of its model. index, sign, zero_counts: of its horn in the plant (`Servo`). firmware: 45 and later know fast
-    reads. supply: [V]. temperature: of the winding, taken for that of the register [°C].
+    rows: of its model. index, sign, zero: of its horn in the plant (`Servo`). supply: [V]. temperature: of the winding,
+    taken for that of the register [°C].
     As faults: heated_by, from outside [K/s]; is_burdened, whether it bears too much load while its torque is on; loses,
     names of registers whose writes it confirms and forgets.
     """
@@ -418,24 +419,16 @@ class Motor(Device):
     fast_reads_from = FAST_READS_FROM
 
     def __init__(
-        self,
-        rows: RegisterTable,
-        plant: JointPlant,
-        index: int,
-        sign: int,
-        zero_counts: float = 2048,
-        *,
-        firmware: int = 47,
-        supply: float = 12,
+        self, rows: RegisterTable, plant: JointPlant, index: int, sign: int, zero: float = 2048, supply: float = 12
     ) -> None:
-        super().__init__(ControlTable(rows), firmware)
-        self.registers["firmware_version"] = firmware
+        super().__init__(ControlTable(rows), FIRMWARE)
+        self.registers["firmware_version"] = FIRMWARE
         self._data, self.supply = SERVOS[rows.model], supply
         self.is_powered = supply >= self._data.brown_out
         self.temperature, self.heated_by, self.is_burdened = _AMBIENT, 0.0, False
         self._overloaded_for, self._latched = 0.0, 0  # [s]; bits that stay until the motor starts anew
         self.loses: set[str] = set()
-        self.servo = Servo(self.registers, plant, index, sign, zero_counts)
+        self.servo = Servo(self.registers, plant, index, sign, zero)
         self._backup: bytes | None = None
         self._started = 0.0
         self._watchdog_due = math.inf
