@@ -61,6 +61,7 @@ READS = {
     "imu_axes": "the chip's axes along x, y and z are {0[0]}, {0[1]} and {0[2]}",
     "drive_id": "motor {} is the drive",
     "drive_sign": "more counts turn the lever by the sign {:+d}",
+    "drive_zero_counts": "its middle is at {} counts",
     "tendon_ids": "motor {} pulls it",
     "tendon_pull": "its motor pulls by counts of the sign {:+d}",
 }
@@ -91,11 +92,6 @@ class Seen:
     baud: int
     number: int
     is_double: bool = False
-
-    @property
-    def is_motor(self) -> bool:
-        """Whether it is a motor that Sinew knows; of two with one id it is not known."""
-        return self.number in MOTORS
 
     def __str__(self) -> str:
         twice = ", twice" if self.is_double else ""
@@ -143,7 +139,7 @@ def refuse_incomplete(seen: Sequence[Seen], spec: RigSpec) -> str:
     """Return why these are not the rig's motors, each with an id of its own; an empty text where they are."""
     if doubles := [str(device) for device in seen if device.is_double]:
         return f"two motors share {'; '.join(doubles)}"
-    motors = [device for device in seen if device.is_motor]
+    motors = [device for device in seen if device.number in MOTORS]
     if shared := [number for number, times in Counter(device.id for device in motors).items() if times > 1]:
         return f"id {shared[0]} answers at several bauds, so from several motors"
     tendon, drive = wanted_models(spec)
@@ -263,16 +259,11 @@ class Guide:
                 if found != before:
                     texts = (READS[key].format(value) for value in (found, before))
                     notes.append(Finding("note", about, *texts, f"wiring.{key} is put right"))
-        self.know(**wiring)
-        return notes
-
-    def know(self, *keys: str, **wiring: object) -> None:
-        """Put keys into the wiring, and those named, too, among the measured."""
-        old = self.spec.wiring
-        there = {*old.measured, *wiring, *keys}
-        told = tuple(name for name in Wiring.model_fields if name in there)
-        new = Wiring.model_validate(old.model_dump() | wiring | {"measured": told})
+        there = {*old.measured, *wiring}
+        measured = tuple(name for name in Wiring.model_fields if name in there)
+        new = Wiring.model_validate(old.model_dump() | wiring | {"measured": measured})
         self.spec = self.spec.model_copy(update={"wiring": new})
+        return notes
 
     def measure(self, dotted: str, value: float, std: float, note: str) -> Finding:
         """Put a measured number into the rig, if it is thinkable, and say so."""
@@ -356,7 +347,7 @@ def _find_devices(guide: Guide) -> list[Finding]:
         return _one_by_one(guide)
     # They are told apart by their ids, which are kept; all come to one baud.
     wiring, (_, drive) = guide.spec.wiring, wanted_models(guide.spec)
-    motors = {device.id: device for device in seen if device.is_motor}
+    motors = {device.id: device for device in seen if device.number in MOTORS}
     swings = next(number for number, device in motors.items() if device.number == drive)
     ids = tuple(sorted(motors.keys() - {swings}))
     guide.is_labelled = (set(ids), swings) == (set(wiring.tendon_ids), wiring.drive_id)
@@ -382,7 +373,7 @@ def _one_by_one(guide: Guide) -> list[Finding]:
     there = look_around(guide.open_rig, guide.spec, (wiring.baud,))
     why = refuse_incomplete(there, guide.spec)
     require(not why, "bus", why, "all motors", "check that all are plugged in, and repeat this step")
-    guide.know("tendon_ids", "drive_id")
+    guide.learn("bus", tendon_ids=wiring.tendon_ids, drive_id=wiring.drive_id)
     guide.is_labelled = True
     return []
 
@@ -392,7 +383,7 @@ def _name_one(guide: Guide, label: str, number: int, model: int) -> Finding:
     baud = guide.spec.wiring.baud
     seen: list[Seen] = []
     for bauds in ((baud, NEW_BAUD), ()):  # where it is expected, and everywhere else after that
-        seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.is_motor]
+        seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.number in MOTORS]
     texts = f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected"
     if len(seen) != 1 or seen[0].is_double:
         raise DeviceError(
@@ -496,10 +487,9 @@ def _find_lever(guide: Guide) -> list[Finding]:
     require(is_answer, "IMU", found, "an answer to the lever's steps", advice)
     sign = 1 if answer.share > 0 else -1
     found = f"middle at {middle} counts, sense {sign:+d}; the head answers with {abs(answer.share):.2f} of its turn"
-    guide.know(drive_zero_counts=middle)
     volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
     return [
-        *guide.learn("drive", drive_sign=sign),
+        *guide.learn("drive", drive_sign=sign, drive_zero_counts=middle),
         Finding("ok", "drive", found),
         guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
         guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
@@ -534,15 +524,14 @@ def arrange(directions: Sequence[float], *, is_labelled: bool = True) -> Arrange
     pitch = math.tau / count
     found = []
     for turns in range(4):
-        turned = [direction - turns * math.pi / 2 for direction in directions]
-        mean = float(np.angle(sum(np.exp(1j * count * value) for value in turned))) / count
-        slots = [round((value - mean) / pitch) % count for value in turned]
+        turned = np.asarray(directions) - turns * math.pi / 2
+        mean = float(np.angle(np.exp(1j * count * turned).sum())) / count
+        slots = np.rint((turned - mean) / pitch).astype(int) % count
         if len(set(slots)) == count:
-            left = [value - slot * pitch for value, slot in zip(turned, slots, strict=True)]
-            off = max(abs(float(np.angle(np.exp(1j * value)))) for value in left)
-            misplaced = sum(slot != motor for motor, slot in enumerate(slots))
+            off = float(np.abs(np.angle(np.exp(1j * (turned - slots * pitch)))).max())
+            misplaced = int((slots != np.arange(count)).sum())
             key = (misplaced, turns) if is_labelled else (turns, misplaced)
-            order = tuple(slots.index(tendon) for tendon in range(count))
+            order = tuple(np.argsort(slots).tolist())
             found.append((abs(mean) > math.pi / 5, *key, Arrangement(order, turns, math.degrees(off))))
     return min(found, key=lambda each: each[:3])[-1] if found else None
 
