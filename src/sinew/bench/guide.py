@@ -112,13 +112,13 @@ def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> 
     asked = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
     found: list[Seen] = []
     refused: list[PortError] = []
-    for place, baud in enumerate(asked):
+    for number, baud in enumerate(asked):
         try:
             with open_rig(rewired(spec, baud=baud)) as (rig, clock):
-                clock.wait_until(clock.now() + (_STARTS_S if place == 0 else 0.0))
+                clock.wait_until(clock.now() + (_STARTS_S if number == 0 else 0.0))
                 for device, reply in sorted(rig.bus.scan().items()):
-                    number = int.from_bytes(reply.data[:2], "little") if reply.ok else 0
-                    found.append(Seen(device, baud, number, _is_double(rig.bus, device, number)))
+                    model = int.from_bytes(reply.data[:2], "little") if reply.ok else 0
+                    found.append(Seen(device, baud, model, _is_double(rig.bus, device, model)))
         except PortError as trouble:
             refused.append(trouble)
     if len(refused) == len(asked):
@@ -257,8 +257,8 @@ class Guide:
                 pairs = [(f"tendon {number}", *pair) for number, pair in enumerate(each, start=1)]
             for about, found, before in pairs:
                 if found != before:
-                    texts = (READS[key].format(value) for value in (found, before))
-                    notes.append(Finding("note", about, *texts, f"wiring.{key} is put right"))
+                    expected = ", ".join(before) if isinstance(before, tuple) else str(before)
+                    notes.append(Finding("note", about, READS[key].format(found), expected, f"{key} is right now"))
         there = {*old.measured, *wiring}
         measured = tuple(name for name in Wiring.model_fields if name in there)
         new = Wiring.model_validate(old.model_dump() | wiring | {"measured": measured})

@@ -274,7 +274,8 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     def fit(sign: int) -> tuple[float, Numbers, Numbers]:
         begin = np.array([sign * spec.inertia.lever.value / whole, 1.0, 0.05, 0.0, 0.0])
         done = least_squares(missed, begin / scale, method="lm")
-        covariance = np.linalg.pinv(done.jac.T @ done.jac) * 2 * done.cost / (len(gyro) - len(scale))
+        slopes = np.asarray(done.jac, dtype=float)
+        covariance = np.linalg.pinv(slopes.T @ slopes) * 2 * done.cost / (len(gyro) - len(scale))
         return math.sqrt(2 * done.cost / len(gyro)), done.x * scale, np.sqrt(np.diag(covariance)) * scale
 
     left, best, std = min((fit(1), fit(-1)), key=lambda each: each[0])

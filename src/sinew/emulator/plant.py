@@ -365,7 +365,7 @@ class JointPlant:
         limit = float(order.limit[tendon])
         if law.kind == "position":
             lag = float(state[now.wound[tendon]] - state[now.horn[tendon]])
-            return max(-limit, min(limit, lag / order.compliance[tendon]))
+            return max(-limit, min(limit, lag / float(order.compliance[tendon])))
         if law.kind == "velocity":
             return limit * ((law.goal > 0) - (law.goal < 0))
         return limit

@@ -18,7 +18,7 @@ import termios
 import tty
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sinew.emulator.bench import EmulatedRig
 from sinew.hardware.bus import Clock
@@ -153,11 +153,11 @@ class ClockSocket(_Named):
         """Return what the master says next, None where it has not said it whole or has left."""
         while True:
             if len(self._heard) >= ASK.size:
-                *said, length = ASK.unpack_from(self._heard)
+                what, now, until, length = ASK.unpack_from(self._heard)
                 end = ASK.size + length
                 if len(self._heard) >= end:
                     data, self._heard = self._heard[ASK.size : end], self._heard[end:]
-                    return Ask(*said, data)
+                    return Ask(what, now, until, data)
             try:
                 data = b"" if self._master is None else self._master.recv(_AT_ONCE)
             except BlockingIOError:
@@ -359,8 +359,8 @@ class PtyServer:
         soonest = min(self._rig.next_event(), self._held_until, now + _TICK)
         if soonest - now > _SPARE:
             self._rig.catch_up()
-        ends = [] if self._shared is None else self._shared.ends
-        if select.select([self._port, *ends], [], [], max(0.0, soonest - self._now()))[0]:
+        ends: list[Any] = [self._port, *([] if self._shared is None else self._shared.ends)]
+        if select.select(ends, [], [], max(0.0, soonest - self._now()))[0]:
             self._take(self._port)
             if self._shared is not None and self._shared.wait(0.0):
                 self._greet(self._shared, self._port)
