@@ -1,5 +1,7 @@
 """The bus on a line in memory: answers, silence, damage, lateness, refusal, and what is counted."""
 
+from collections.abc import Callable
+
 import pytest
 from tests.unit.hardware_line import Arrivals, Line, ManualClock, Slave
 
@@ -66,10 +68,19 @@ def test_a_damaged_answer_is_never_data_and_is_asked_for_again() -> None:
     assert (reply.data, reply.attempts) == (bytes([132, 133, 134, 135]), 2)
 
 
-def test_a_cut_off_answer_is_damaged_and_not_silence() -> None:
+@pytest.mark.parametrize(
+    ("came", "outcome"),
+    [
+        (lambda wire: wire[:-1], Outcome.DAMAGED),  # cut off, and not silence
+        (lambda wire: encode(Status(9, 0, b"1234")), Outcome.SILENT),  # a stray of another id
+        (lambda wire: encode(Status(1, 0, b"12")), Outcome.WRONG_LENGTH),  # though its CRC is right
+    ],
+)
+def test_what_is_no_answer_is_no_data(came: Callable[[bytes], bytes], outcome: Outcome) -> None:
     bus, line, _ = bench(retries=0)
-    line.spoil = lambda n, wire: only_first(wire[:-1])
-    assert bus.read(1, 132, 4).outcome is Outcome.DAMAGED
+    line.spoil = lambda n, wire: only_first(came(wire))
+    reply = bus.read(1, 132, 4)
+    assert (reply.outcome, reply.data, bus.statistics.strays) == (outcome, b"", int(outcome is Outcome.SILENT))
 
 
 def test_an_answer_that_comes_byte_by_byte_behind_garbage_is_taken() -> None:
@@ -100,20 +111,6 @@ def test_the_bus_waits_for_quiet_after_an_answer_of_a_wrong_length() -> None:
     line.spoil = lambda n, wire: [(0.0, short), (0.0005, wire)] if n == 0 else only_first(wire)
     assert bus.read(1, 132, 4).outcome is Outcome.WRONG_LENGTH
     assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
-
-
-def test_an_answer_of_another_id_is_a_stray() -> None:
-    bus, line, _ = bench(retries=0)
-    line.spoil = lambda n, wire: only_first(encode(Status(9, 0, b"1234")))
-    assert bus.read(1, 132, 4).outcome is Outcome.SILENT
-    assert bus.statistics.strays == 1
-
-
-def test_a_short_answer_is_no_data_though_its_crc_is_right() -> None:
-    bus, line, _ = bench()
-    line.spoil = lambda n, wire: only_first(encode(Status(1, 0, b"12")))
-    reply = bus.read(1, 132, 4)
-    assert (reply.outcome, reply.data) == (Outcome.WRONG_LENGTH, b"")
 
 
 def test_our_own_echo_is_not_taken_for_an_answer() -> None:

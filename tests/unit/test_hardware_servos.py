@@ -57,51 +57,30 @@ def test_the_modes_of_a_plan_are_these_operating_modes(bench: Bench, mode, regis
     assert bench.get(1, "operating_mode") == register
 
 
-def test_in_position_mode_the_output_is_limited_by_the_duty_of_that_stall_current(bench: Bench) -> None:
-    servo = tendon(bench)
-    put_into(servo, "position")
-    servo.torque_on()
-    servo.limit_output(0.65)  # half of 1.3 A
-    assert bench.get(1, "goal_pwm") == int(0.5 / 0.00113)
-
-
-@pytest.mark.parametrize("mode", ["position-with-current-limit", "current"])
-def test_in_the_other_modes_the_output_is_limited_by_the_goal_current(bench: Bench, mode) -> None:  # type: ignore[no-untyped-def]
-    servo = tendon(bench)
-    put_into(servo, mode)
-    servo.torque_on()
-    servo.set_count("goal_current", 300)
-    servo.limit_output(0.269)
-    assert bench.get(1, "goal_current") == 100
-
-
-def test_a_limit_in_current_mode_never_raises_the_goal(bench: Bench) -> None:
-    servo = tendon(bench)
-    put_into(servo, "current")
-    servo.torque_on()
-    servo.set_goal_current(0.1)
-    servo.limit_output(1.0)
-    assert bench.get(1, "goal_current") == 37
-
-
-def test_a_limit_in_current_mode_keeps_the_goals_sense(bench: Bench) -> None:
-    servo = tendon(bench, -1)
-    put_into(servo, "current")
-    servo.torque_on()
-    servo.set_goal_current(0.5)
-    servo.limit_output(0.269)
-    assert bench.get(1, "goal_current") == -100
-
-
 @pytest.mark.parametrize(
-    ("mode", "register", "most"), [("position", "goal_pwm", 885), ("position-with-current-limit", "goal_current", 648)]
+    ("mode", "pull", "before", "limit", "register", "count"),
+    [
+        ("position", 1, None, 0.65, "goal_pwm", int(0.5 / 0.00113)),  # the duty of that stall current: half of 1.3 A
+        ("position-with-current-limit", 1, None, 0.269, "goal_current", 100),
+        ("current", 1, 0.8, 0.269, "goal_current", 100),
+        ("current", 1, 0.1, 1.0, "goal_current", 37),  # it never raises the goal
+        ("current", -1, 0.5, 0.269, "goal_current", -100),  # it keeps the goal's sense
+        ("position", 1, None, math.inf, "goal_pwm", 885),  # the motor's own
+        ("position-with-current-limit", 1, None, math.inf, "goal_current", 648),
+    ],
 )
-def test_an_infinite_limit_is_the_motors_own(bench: Bench, mode, register: str, most: int) -> None:  # type: ignore[no-untyped-def]
-    servo = tendon(bench)
+def test_the_output_is_limited_by_what_the_mode_goes_by(
+    bench: Bench, mode: TendonMode, pull: int, before: float | None, limit: float, register: str, count: int
+) -> None:
+    servo = tendon(bench, pull)
     put_into(servo, mode)
-    servo.limit_output(0.1)
-    servo.limit_output(math.inf)
-    assert bench.get(1, register) == most
+    servo.torque_on()
+    if before is not None:
+        servo.set_goal_current(before)
+    elif limit == math.inf:
+        servo.limit_output(0.1)
+    servo.limit_output(limit)
+    assert bench.get(1, register) == count
 
 
 @pytest.mark.parametrize("current", [-0.1, math.nan])
