@@ -174,13 +174,6 @@ def test_a_group_whose_imu_froze_is_not_whole() -> None:
     assert not group_is_whole(samples[:100] + frozen + samples[120:], 200.0)
 
 
-def test_the_recording_says_where_it_is_from(tmp_path: Path) -> None:
-    attrs = recording_from_journal(written(tmp_path)).attrs
-    assert (attrs["source"], attrs["plan"], attrs["rig"], attrs["seed"], attrs["runs"]) == (
-        "bench", PLAN_TEXT, RIG_TEXT, 7, 1,
-    )  # fmt: skip
-
-
 def test_counts_are_summed_over_the_runs_that_wrote(tmp_path: Path) -> None:
     path = written(tmp_path)
     for number in (3, 4):

@@ -101,24 +101,14 @@ def recording(once: Paused) -> xr.Dataset:
     return recording_from_journal(once.folder / "journal.sqlite")
 
 
-def test_a_run_goes_on_by_itself_and_records_every_group(once: Paused) -> None:
+def test_a_run_goes_on_by_itself_in_a_safe_state_and_measures_nothing_again_that_was_whole(once: Paused) -> None:
     assert (once.report.is_complete, len(once.report.pauses)) == (True, 1)
-
-
-def test_the_segment_with_the_hole_is_aborted_and_says_why(once: Paused) -> None:
     with JournalReader(once.folder / "journal.sqlite") as journal:
         aborted = [stretch for stretch in journal.stretches() if stretch.state == "aborted"]
-    assert [("the computer paused" in each.note) for each in aborted] == [True]
-
-
-def test_the_rig_was_in_a_safe_state_before_the_tendons_were_pulled_anew(once: Paused) -> None:
-    assert (once.pauses.safe, len(once.sentences("contact"))) == ([True], 2)
-
-
-def test_what_was_whole_is_not_measured_again(once: Paused) -> None:
-    with JournalReader(once.folder / "journal.sqlite") as journal:
         steady = [stretch.asked.frequency_hz for stretch in journal.stretches("kind = 'steady'")]
+    assert [("the computer paused" in each.note) for each in aborted] == [True]
     assert steady == [2.5, 3.0, 3.0]
+    assert (once.pauses.safe, len(once.sentences("contact"))) == ([True], 2)  # before the tendons were pulled anew
 
 
 def test_the_recording_has_every_segment_once_and_no_hole(recording: xr.Dataset) -> None:

@@ -57,8 +57,10 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Pair:
 
 
 def test_the_whole_plan_is_recorded(pair: Pair) -> None:
-    report = pair.report
-    assert (report.is_complete, report.groups_done, report.loop.incomplete) == (True, len(pair.plan.groups()), 0)
+    report, groups = pair.report, pair.plan.groups()
+    assert (report.is_complete, report.groups_done, report.loop.incomplete) == (True, len(groups), 0)
+    kinds = [kind for group in groups for kind in (["settle"] if group.settle_s else []) + [group.kind]]
+    assert pair.recording["kind"].values.tolist() == kinds
 
 
 def test_the_recording_holds_the_registers_with_which_the_motors_measured(pair: Pair) -> None:
@@ -113,8 +115,5 @@ def test_duty_and_current_of_a_tendon_at_rest_are_its_resistance(pair: Pair) -> 
 )
 def test_what_the_bench_gives_is_the_twins(pair: Pair, name: str, within: float) -> None:
     assert pair.ratio(name).max() < within
-
-
-def test_the_phase_is_the_twins_within_half_a_degree(pair: Pair) -> None:
     off = np.degrees(pair.bench["phase_lag_rad"].values - pair.twin["phase_lag_rad"].values)
     assert np.abs(off).max() < 0.5

@@ -10,11 +10,9 @@ from pathlib import Path
 
 import pytest
 import serial
-from tests.patience import LONG_S, comes
+from tests.patience import comes
 
 from sinew.emulator.port_server import PtyServer
-from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.ports import SerialPort
 from sinew.measure.errors import FileError
 
 TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it
@@ -169,18 +167,6 @@ def test_a_master_that_does_not_read_holds_nobody_up_and_loses_bytes(served: Ser
             served.bench.due = [(0.0, bytes(4000))]
             served.at(0.001 * number)
     assert served.server.lost > 0
-
-
-def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
-    from sinew.measure.errors import PortError
-
-    clock = MonotonicClock()
-    port = SerialPort(str(served.link), 1_000_000, clock)
-    served.bench.unplugged = True
-    served.at(0.001)
-    with pytest.raises(PortError, match="lost"):
-        port.read(clock.now() + LONG_S)
-    port.close()
 
 
 def test_a_stale_link_is_turned_over(tmp_path: Path) -> None:

@@ -109,12 +109,6 @@ def test_a_missing_device_costs_only_itself(stand: Stand) -> None:
     assert [fault.id for fault in reading.faults] == [3]
 
 
-def test_an_alert_is_told_with_the_reading(stand: Stand) -> None:
-    stand.rig.motors[2].fail()
-    reading = stand.rigged.read()
-    assert [motor.alert for motor in reading.tendons if motor] == [False, True, False, False]
-
-
 def test_the_time_of_a_sample_is_when_the_node_took_it_also_where_the_drive_is_silent(stand: Stand) -> None:
     stand.rigged.configure()
     node = stand.rig.imu
@@ -279,26 +273,6 @@ def test_a_mode_that_fails_half_way_leaves_no_meaning_to_goals(stand: Stand) -> 
         rig.set_tendon_mode("current")
     with pytest.raises(DeviceError, match="call set_tendon_mode first"):
         rig.write_goals(0.0, [0.0] * 4)
-
-
-def test_motors_are_set_up_as_the_rig_asks(stand: Stand) -> None:
-    for device in (1, 5):
-        stand.put(device, "return_delay_time", 250)
-        stand.put(device, "drive_mode", 1)
-        stand.put(device, "shutdown", 1)
-    stand.rigged.configure()
-    wanted = {
-        "return_delay_time": 0,
-        "drive_mode": 0,
-        "temperature_limit": 70,
-        "max_voltage_limit": 148,
-        "min_voltage_limit": 100,
-        "shutdown": 53,
-    }
-    assert {name: stand.get(1, name) for name in wanted} == wanted
-    assert stand.get(1, "current_limit") == 483  # 1.3 A in 2.69 mA
-    assert stand.get(5, "current_limit") == 1189  # 3.2 A
-    assert (stand.get(5, "operating_mode"), stand.get(5, "min_position_limit")) == (3, 1024)
 
 
 def test_setting_up_again_writes_nothing_that_wears_the_memory_out(stand: Stand) -> None:
