@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from tests.unit.emulator_stand_in import StandIn, paper_rig
@@ -40,31 +40,6 @@ GYRO_COUNTS = (-1, 253, 300)  # FF FF FD 00: rates that need stuffing
 FORCE_COUNTS = (16_384, -1000, 2000)
 Others = Mapping[int, bytes | None]
 """What the other devices of the line answer to a read, by id; None: nothing."""
-
-
-class Party(Protocol):
-    """A node with a line to it. knows_time: whether `heard_at` is to be trusted, and the line's baud matters."""
-
-    knows_time: bool
-    baud: int
-
-    def exchange(
-        self, wire: Instruction | bytes, others: Others | None = None, *, answers: bool = True
-    ) -> list[Packet]:
-        """Return what a master hears after an instruction, the others' answers among it.
-
-        answers: whether the node is expected to say something; where that takes the computer's time, so long it waits.
-        """
-        ...
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass."""
-        ...
-
-    @property
-    def latched(self) -> tuple[float, float]:
-        """When the node began its last answer, by its own clock, and when it had heard the instruction [s]."""
-        ...
 
 
 def bytes_of(wire: Instruction | bytes) -> bytes:
@@ -198,9 +173,6 @@ class NodeProcess:
     def advance(self, until: float) -> list[Burst]:
         """Return what it says by a time [s]."""
         return self._ask(b"A" + struct.pack("<Q", round(until * 1e9)))
-
-    def set_readings(self, counts: Sequence[int]) -> None:
-        self._ask(b"C" + struct.pack("<6h", *counts))
 
     def freeze(self, frozen: bool) -> None:
         self._ask(b"F" + bytes((frozen,)))
@@ -430,6 +402,10 @@ def fast(packets: Sequence[Packet], lengths: list[int]) -> list[Status]:
 
 
 AnyNode = EmulatedNode | HostNode | QemuNode
+"""A node with a line to it. knows_time: whether `latched` is to be trusted, and the line's baud matters. `exchange`
+returns what a master hears after an instruction, the others' answers among it; answers: whether the node is expected to
+say something; where that takes the computer's time, so long it waits. latched: when the node began its last answer, by
+its own clock, and when it had heard the instruction [s]."""
 
 
 def get(party: AnyNode, name: str) -> int:
