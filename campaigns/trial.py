@@ -26,7 +26,7 @@ from sinew.bench.run import Runner, RunReport
 from sinew.emulator.bench import EmulatedRig, MotorState, VirtualPort
 from sinew.emulator.device import SAMPLE_PERIOD
 from sinew.emulator.faults import Faults
-from sinew.emulator.plant import JointPlant, Motion
+from sinew.emulator.plant import HornMotion, JointPlant, Motion
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array
@@ -77,7 +77,7 @@ class Witness(JointPlant):
 
     def __init__(self, spec: RigSpec, slack_m: Sequence[float], rest_tilt: tuple[float, float]) -> None:
         self._witnessed = array("d")
-        self._newest = 0.0
+        self._newest, self._is_looking = 0.0, False
         super().__init__(spec, slack_m=slack_m, rest_tilt=rest_tilt)
 
     def advance(self, until: float) -> None:
@@ -87,7 +87,9 @@ class Witness(JointPlant):
         super().advance(until)
 
     def motion(self) -> Motion:
+        self._is_looking = True
         motion = super().motion()
+        self._is_looking = False
         drive = motion.drive
         self._witnessed.extend((motion.time, drive.angle, drive.speed, drive.current, drive.duty))
         self._witnessed.extend([tendon.angle for tendon in motion.tendons])
@@ -96,6 +98,11 @@ class Witness(JointPlant):
         self._witnessed.extend(motion.acceleration)
         self._newest = motion.time
         return motion
+
+    def horn(self, motor: int) -> HornMotion:
+        if motor not in self._horns and not self._is_looking:
+            self.motion()  # every horn that a device looks at is written down with all
+        return super().horn(motor)
 
     def truth(self, spec: RigSpec) -> "Truth":
         """Return what was seen."""
