@@ -160,7 +160,7 @@ class _Port(VirtualPort):
         if math.isnan(self.frozen) and now - self.asked >= 1e-3 * FROZEN_MOST_MS:
             states = self.emulated.states().values()
             since = max(now - state.law_s if state.torque else self.asked for state in states)
-            self.frozen = max(0.0, since - self.asked) if self.emulated.frozen() else math.inf
+            self.frozen = max(0.0, since - self.asked) if self.emulated.frozen_since() is not None else math.inf
 
     def _go_wrong(self) -> None:
         case, emulated = self.case, self.emulated

@@ -9,7 +9,7 @@ recording that lacks a group that was reported as done; an early end where nothi
 import math
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +26,7 @@ from sinew.bench.run import Runner, RunReport
 from sinew.emulator.bench import EmulatedRig, MotorState, VirtualPort
 from sinew.emulator.device import SAMPLE_PERIOD
 from sinew.emulator.faults import Faults
-from sinew.emulator.plant import HornMotion, JointPlant, Motion, Plant
+from sinew.emulator.plant import HornMotion, JointPlant, Motion
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array
@@ -72,43 +72,41 @@ _SWING = 8e-3  # rad/s: ½ φ''' t² of the gyro between two ticks, at the stron
 _FORCE = 0.05  # m/s²: the same of the accelerometer
 
 
-class Witness:
-    """A plant whose every motion is written down; see `Plant`.
+class Witness(JointPlant):
+    """A joint whose every motion is written down. Nothing about it changes, except that it is looked at more often."""
 
-    plant: that moves. Nothing about it changes, except that it is looked at more often.
-    """
-
-    def __init__(self, plant: Plant, tendons: int) -> None:
-        self.plant, self.tendons = plant, tendons
-        self.set_law, self.set_supply, self.push = plant.set_law, plant.set_supply, plant.push
-        self.stick, self.slip, self.place_lever = plant.stick, plant.slip, plant.place_lever
-        self._seen = array("d")
-        self._newest = 0.0
+    def __init__(self, spec: RigSpec, slack_m: Sequence[float], rest_tilt: tuple[float, float]) -> None:
+        self._witnessed = array("d")
+        self._newest, self._is_looking = 0.0, False
+        super().__init__(spec, slack_m=slack_m, rest_tilt=rest_tilt)
 
     def advance(self, until: float) -> None:
         while until - self._newest > _STEP_S:
-            self.plant.advance(self._newest + _STEP_S)
+            super().advance(self._newest + _STEP_S)
             self.motion()
-        self.plant.advance(until)
+        super().advance(until)
 
     def motion(self) -> Motion:
-        motion = self.plant.motion()
+        self._is_looking = True
+        motion = super().motion()
+        self._is_looking = False
         drive = motion.drive
-        self._seen.extend((motion.time, drive.angle, drive.speed, drive.current, drive.duty))
-        self._seen.extend([tendon.angle for tendon in motion.tendons])
-        self._seen.extend([tendon.current for tendon in motion.tendons])
-        self._seen.append(motion.gyro[0])
-        self._seen.extend(motion.acceleration)
+        self._witnessed.extend((motion.time, drive.angle, drive.speed, drive.current, drive.duty))
+        self._witnessed.extend([tendon.angle for tendon in motion.tendons])
+        self._witnessed.extend([tendon.current for tendon in motion.tendons])
+        self._witnessed.append(motion.gyro[0])
+        self._witnessed.extend(motion.acceleration)
         self._newest = motion.time
         return motion
 
     def horn(self, motor: int) -> HornMotion:
-        motion = self.motion()
-        return (*motion.tendons, motion.drive)[motor]
+        if motor not in self._horns and not self._is_looking:
+            self.motion()  # every horn that a device looks at is written down with all
+        return super().horn(motor)
 
     def truth(self, spec: RigSpec) -> "Truth":
         """Return what was seen."""
-        rows = np.frombuffer(self._seen.tobytes()).reshape(-1, 9 + 2 * self.tendons)
+        rows = np.frombuffer(self._witnessed.tobytes()).reshape(-1, 9 + 2 * self.count)
         return Truth(rows, spec)
 
 
@@ -301,8 +299,7 @@ class FaultyBench:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.plan, self.spec = scenario, plan_of(scenario), rig_of(scenario)
         spec = self.spec
-        plant = JointPlant(spec, slack_m=scenario.slack_m, rest_tilt=scenario.rest_tilt)
-        self.witness = Witness(plant, spec.tendons.count)
+        self.witness = Witness(spec, scenario.slack_m, scenario.rest_tilt)
         self.emulated = EmulatedRig(spec, self.witness, seed=scenario.fault_seed, tendon_counts=TENDON_COUNTS)
         Faults(self.emulated, scenario.faults, scenario.fault_seed)
         self.port = _BoundedPort(self.emulated)

@@ -17,7 +17,7 @@ from tests.patience import await_end, comes, communicate, finished
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.emulator.bench import EmulatedRig, VirtualPort
-from sinew.emulator.plant import JointPlant, Plant
+from sinew.emulator.plant import JointPlant
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Decoder, Instruction
 from sinew.plan.rig import RigSpec
@@ -53,7 +53,11 @@ class WatchedPort(VirtualPort):
 
 
 def virtual_port(
-    monkeypatch: pytest.MonkeyPatch, spec: RigSpec | None = None, plant: Plant | None = None, *, baud: int | None = None
+    monkeypatch: pytest.MonkeyPatch,
+    spec: RigSpec | None = None,
+    plant: JointPlant | None = None,
+    *,
+    baud: int | None = None,
 ) -> WatchedPort:
     """Have the command line find this port, and its time, wherever it looks for a serial port."""
     spec = spec or load_rig("paper")

@@ -20,22 +20,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminal
 
 def test_a_step_that_there_is_not_is_refused_with_those_that_are(capsys: pytest.CaptureFixture[str]) -> None:
     said = refused(capsys, "doctor", "--port", "bench", "--guide", "my.toml", "--step", "levers")
-    assert "found --step levers, expected one of devices, settings, board, lever, tendons, constants, check" in said
-
-
-def test_only_one_step_and_all_from_one_on_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(capsys, "doctor", "--port", "bench", "--guide", "my.toml", "--step", "lever", "--from", "board")
-    assert "found --step and --from, expected one of them" in said
+    assert "found --step levers, expected one of devices, settings, board, lever, tendons, check" in said
 
 
 def test_a_step_without_a_guide_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     said = refused(capsys, "doctor", "--port", "bench", "--step", "lever")
     assert "found --step or --from without --guide" in said
-
-
-def test_a_guide_that_is_told_a_baud_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(capsys, "doctor", "--port", "bench", "--guide", "my.toml", "--baud", "57600")
-    assert "found --fix or --baud with --guide" in said
 
 
 def test_a_port_that_is_not_there_is_refused_before_any_step(capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,7 +45,7 @@ def test_a_bench_out_of_its_boxes_is_led_to_its_first_run() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("wrong", "step", "dies"), [(USED, "lever", False), (DOUBLE, "constants", True)])
+@pytest.mark.parametrize(("wrong", "step", "dies"), [(USED, "lever", False), (DOUBLE, "tendons", True)])
 def test_a_guide_that_is_broken_off_leaves_a_safe_bench_and_finds_all_the_second_time(
     wrong: Wrong, step: str, dies: bool
 ) -> None:

@@ -14,9 +14,6 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import WatchedPort, rig_file, virtual_port
 from tests.contracts.virtual_run import RunHere, interrupt, run, spoken, torques
 
-from sinew.bench.record.journal import JournalReader
-from sinew.measure.events import Ended
-
 SIGNALS = {
     signal.SIGINT: "interrupted by Ctrl-C",
     signal.SIGTERM: "terminated",
@@ -74,23 +71,11 @@ def test_a_second_and_a_third_interrupt_change_nothing(interrupted: Interrupted)
     assert (document["safe_state"], document["is_safe"]) == ("release", True)
 
 
-def test_after_a_run_the_signals_are_what_they_were(interrupted: Interrupted) -> None:
-    assert interrupted.signals
-
-
 def test_a_run_that_ended_early_says_how_to_go_on(interrupted: Interrupted) -> None:
     plan, out = interrupted.plan, interrupted.out
     assert interrupted.err.splitlines()[-1] == (
         f"sinew: interrupted by Ctrl-C; go on with: sinew run {plan} --rig paper --port /dev/bench --out {out} --resume"
     )
-
-
-def test_the_journal_of_a_run_that_ended_early_has_its_samples_and_its_end(interrupted: Interrupted) -> None:
-    with JournalReader(interrupted.out / "journal.sqlite") as journal:
-        assert journal.last_sample() == interrupted.document["cycles"]["cycles"] > 300
-        assert journal.events()[-1][1] == Ended(
-            "interrupted by Ctrl-C; release: tension let down, torque off on all motors"
-        )
 
 
 def test_an_unplugged_port_is_said_and_the_watchdogs_stop_the_motors(

@@ -48,11 +48,6 @@ def torques(truth: dict[str, list[dict[str, bool]]]) -> list[bool]:
     return [motor["torque"] for motor in truth["motors"]]
 
 
-def test_a_file_that_is_no_port_is_refused(plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said = refused(capsys, plan, str(plan), tmp_path / "out")
-    assert all(word in said for word in ("cannot open", str(plan), "expected a free serial port"))
-
-
 def test_a_port_that_another_program_has_is_refused(
     bench: Playing, plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -31,7 +31,7 @@ def with_error(rig: EmulatedRig) -> None:
 
 
 def with_heat(rig: EmulatedRig) -> None:
-    rig.motors[5].protection.temperature = 75.9  # it cools while the bench is looked at, and counts whole degrees
+    rig.motors[5].temperature = 75.9  # it cools while the bench is looked at, and counts whole degrees
 
 
 def with_twins(rig: EmulatedRig) -> None:

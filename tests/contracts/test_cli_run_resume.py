@@ -25,13 +25,6 @@ def held(
     return port, rig
 
 
-def test_a_bench_left_in_hold_is_refused_to_a_new_run(
-    held: tuple[WatchedPort, str], plan: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    told = run(capsys, plan, tmp_path / "other", "--rig", held[1])
-    assert (told.status, "torque on at all motors" in told.err) == (2, True)
-
-
 @pytest.mark.slow
 def test_a_bench_left_in_hold_is_taken_over_by_resuming(
     held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]

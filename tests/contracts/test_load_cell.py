@@ -64,12 +64,6 @@ def test_the_twin_records_the_tension_that_the_motor_of_that_tendon_pulls_with()
     assert told * 100 == pytest.approx((told * 100).round(), abs=1e-2)  # whole counts of 10 mN
 
 
-def test_a_rig_without_one_records_what_it_always_did() -> None:
-    with_one, without = (simulate(parse_plan(TINY), rig) for rig in (celled(), load_rig("paper")))
-    assert set(with_one) - set(without) == {"load_cell_n"}
-    assert without.equals(with_one.drop_vars("load_cell_n"))
-
-
 def test_the_doctor_says_what_the_load_cell_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(dump_rig(celled()))

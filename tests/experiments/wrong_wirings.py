@@ -5,12 +5,14 @@ supply and delay; and that motors were safe at every end, as the mechanics say.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+from tests.unit.emulator_stand_in import StandIn
 
 from sinew.bench.doctor import Finding
 from sinew.bench.guide import STEPS, Guide, Step, lead
@@ -93,13 +95,19 @@ class Scene:
     """A bench with something wrong, and the person before it, who does all that is asked.
 
     ends: the step in which the person leaves, or the program dies, and how long after its begin [s]; None: never.
+    has_joint: whether the motors have a joint to move.
     """
 
-    def __init__(self, wrong: Wrong) -> None:
+    def __init__(self, wrong: Wrong, *, has_joint: bool = True) -> None:
         self.spec = load_rig("paper")
         wiring = self.spec.wiring.model_copy(update=dict(wrong.wiring))
         self.true = self.spec.with_values(TRUE).model_copy(update={"wiring": wiring})
-        self.bench: EmulatedRig = emulated_bench(self.true, drawn_start(self.true, 0), 0, is_new=wrong.is_new)
+        if has_joint:
+            self.bench = emulated_bench(self.true, drawn_start(self.true, 0), 0, is_new=wrong.is_new)
+        else:
+            self.bench = EmulatedRig(self.true, StandIn())
+            if wrong.is_new:
+                self.bench.unbox()
         self.motors = list(self.bench.motors.values())
         for place, number in wrong.ids.items():
             self.motors[place].registers["id"] = number
@@ -118,11 +126,11 @@ class Scene:
         timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
         yield Rig(Bus(self.port, self.port, timing, 2), self.port, spec), self.port
 
-    def guided(self, spec: RigSpec) -> tuple[bool | str, RigSpec]:
+    def guided(self, spec: RigSpec, steps: Sequence[Step] = STEPS) -> tuple[bool | str, RigSpec]:
         """Return whether the guide came through, or how it was broken off, and the rig that it kept last."""
         kept = [spec]
         try:
-            return lead(Guide(self.open_rig, self, spec, kept.append, self.check), STEPS), kept[-1]
+            return lead(Guide(self.open_rig, self, spec, kept.append, self.check), steps), kept[-1]
         except (StoppedError, DiedError) as end:
             return type(end).__name__, kept[-1]
 

@@ -12,14 +12,13 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.device import Board, ControlTable, ImuNode
+from sinew.emulator.device import ControlTable, Device, ImuNode
 from sinew.emulator.line import Line
-from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import (
     BROADCAST,
@@ -41,31 +40,6 @@ GYRO_COUNTS = (-1, 253, 300)  # FF FF FD 00: rates that need stuffing
 FORCE_COUNTS = (16_384, -1000, 2000)
 Others = Mapping[int, bytes | None]
 """What the other devices of the line answer to a read, by id; None: nothing."""
-
-
-class Party(Protocol):
-    """A node with a line to it. knows_time: whether `heard_at` is to be trusted, and the line's baud matters."""
-
-    knows_time: bool
-    baud: int
-
-    def exchange(
-        self, wire: Instruction | bytes, others: Others | None = None, *, answers: bool = True
-    ) -> list[Packet]:
-        """Return what a master hears after an instruction, the others' answers among it.
-
-        answers: whether the node is expected to say something; where that takes the computer's time, so long it waits.
-        """
-        ...
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass."""
-        ...
-
-    @property
-    def latched(self) -> tuple[float, float]:
-        """When the node began its last answer, by its own clock, and when it had heard the instruction [s]."""
-        ...
 
 
 def bytes_of(wire: Instruction | bytes) -> bytes:
@@ -98,16 +72,15 @@ def packets_of(data: bytes) -> list[Packet]:
     return Decoder().feed(data)
 
 
-class _Puppet(Board):
+class _Puppet(Device):
     """Another device of the emulated line, which answers what it is told."""
+
+    fast_reads_from = 0
+    is_node = True
 
     def __init__(self, device: int, data: bytes | None, baud: int) -> None:
         super().__init__(ControlTable(RegisterTable("puppet", 1, OPENCR_NODE.rows)), 1, device, baud)
         self.data = data
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        return True
 
     def hears(self, now: float) -> bool:
         return self.data is not None
@@ -131,8 +104,8 @@ class EmulatedNode:
         plant = StandIn()
         plant.gyro = cast(Any, tuple(count * imu.gyro_lsb.value for count in GYRO_COUNTS))
         plant.acceleration = cast(Any, tuple(count * imu.accelerometer_lsb.value for count in FORCE_COUNTS))
-        self.mechanics = Mechanics(plant)
-        self.imu = ImuNode(spec, self.mechanics, np.random.default_rng(0), ppm=0.0)
+        self.plant = plant
+        self.imu = ImuNode(spec, plant, np.random.default_rng(0), ppm=0.0)
         self.baud = BAUD
         self.line = Line([self.imu])
         self._spoke = self._heard = 0.0
@@ -152,18 +125,18 @@ class EmulatedNode:
         self.line.devices = [*puppets, self.imu]
         self.line.host_baud = self.baud
         data = bytes_of(wire)
-        self.line.receive(data, self.mechanics.time)
-        self._heard = self.imu.clock(self.mechanics.time + len(data) * 10 / self.baud)
+        self.line.receive(data, self.plant.time)
+        self._heard = self.imu.clock(self.plant.time + len(data) * 10 / self.baud)
         self.rest(0.05)
-        return packets_of(self.line.transmit(self.mechanics.time))
+        return packets_of(self.line.transmit(self.plant.time))
 
     def rest(self, seconds: float) -> None:
-        until = self.mechanics.time + seconds
+        until = self.plant.time + seconds
         while (due := min(self.imu.due, self.line.due)) <= until:
-            self.mechanics.go_to(due)
+            self.plant.advance(due)
             self.imu.advance(due)
             self.line.work(due)
-        self.mechanics.go_to(until)
+        self.plant.advance(until)
 
     @property
     def latched(self) -> tuple[float, float]:
@@ -200,9 +173,6 @@ class NodeProcess:
     def advance(self, until: float) -> list[Burst]:
         """Return what it says by a time [s]."""
         return self._ask(b"A" + struct.pack("<Q", round(until * 1e9)))
-
-    def set_readings(self, counts: Sequence[int]) -> None:
-        self._ask(b"C" + struct.pack("<6h", *counts))
 
     def freeze(self, frozen: bool) -> None:
         self._ask(b"F" + bytes((frozen,)))
@@ -432,6 +402,10 @@ def fast(packets: Sequence[Packet], lengths: list[int]) -> list[Status]:
 
 
 AnyNode = EmulatedNode | HostNode | QemuNode
+"""A node with a line to it. knows_time: whether `latched` is to be trusted, and the line's baud matters. `exchange`
+returns what a master hears after an instruction, the others' answers among it; answers: whether the node is expected to
+say something; where that takes the computer's time, so long it waits. latched: when the node began its last answer, by
+its own clock, and when it had heard the instruction [s]."""
 
 
 def get(party: AnyNode, name: str) -> int:

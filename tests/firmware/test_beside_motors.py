@@ -11,7 +11,6 @@ from tests.firmware.parties import Burst, NodeProcess
 from tests.unit.emulator_stand_in import Bench
 
 from sinew.emulator.line import Line
-from sinew.hardware.bus import Outcome
 from sinew.hardware.codec import Read
 from sinew.hardware.imu import Imu
 
@@ -104,12 +103,3 @@ def test_the_node_waits_for_motors_whose_answers_look_like_headers(bench: Bench)
     replies = bench.bus.bulk_read([*(Read(motor, 84, 10) for motor in MOTORS), Read(NODE, 32, 28)], retries=0)
     assert all(reply.ok for reply in replies.values())
     assert bench.bus.statistics.crc_errors == 0
-
-
-def test_a_scan_finds_the_node_among_the_motors(bench: Bench) -> None:
-    assert sorted(bench.bus.scan()) == [*MOTORS, NODE]
-
-
-def test_a_node_that_is_asked_alone_tells_the_bus_when_it_is_refused(bench: Bench) -> None:
-    reply = bench.bus.write(NODE, 32, b"\0\0")
-    assert (reply.outcome, reply.number) == (Outcome.REFUSED, 7)

@@ -82,13 +82,6 @@ def test_a_sample_that_waits_for_the_board_is_not_counted_as_lost(node: HostNode
     assert get(node, "lost_samples") == 0
 
 
-def test_the_readings_are_the_newest_of_the_chip(node: HostNode) -> None:
-    node.node.set_readings((1, -2, 3, -4, 5, -6))
-    node.rest(0.01)
-    names = ("gyro_x", "gyro_y", "gyro_z", "acceleration_x", "acceleration_y", "acceleration_z")
-    assert [get(node, name) for name in names] == [1, -2, 3, -4, 5, -6]
-
-
 def test_what_is_kept_outlives_a_loss_of_power(node: HostNode) -> None:
     node.exchange(ask.write(NODE, 7, b"\x0c"))
     node.node.cut_power()

@@ -47,12 +47,6 @@ def test_what_was_heard_before_an_error_of_the_line_is_not_heard_again(sketch: P
     assert len(answers(said, "line")) == 2
 
 
-def test_after_an_error_of_the_line_it_goes_on_hearing(sketch: Path) -> None:
-    noise = f"hear {bytes(100).hex()}"
-    said = run(sketch, "pass 10", noise, "error", "pass 10", hears(ask.ping(NODE)), "pass 10")
-    assert len(answers(said, "line")) == 1
-
-
 def test_a_receiver_that_has_stopped_lets_the_watchdog_run_out(sketch: Path) -> None:
     said = run(sketch, "pass 5000", "stop", "pass 5000")
     assert [words for words in said if words == ["reset"]] == [["reset"]]

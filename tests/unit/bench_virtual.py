@@ -8,7 +8,7 @@ from typing import Any
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.emulator.bench import EmulatedRig, VirtualPort
-from sinew.emulator.plant import JointPlant, Plant
+from sinew.emulator.plant import JointPlant
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import Plan, TendonMode
@@ -38,7 +38,7 @@ class VirtualBench:
 def virtual_bench(
     spec: RigSpec,
     *,
-    plant: Plant | None = None,
+    plant: JointPlant | None = None,
     slack_m: Sequence[float] = SLACK_M,
     rest_tilt: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,

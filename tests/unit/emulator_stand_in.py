@@ -3,7 +3,7 @@
 import math
 
 from sinew.emulator.bench import EmulatedRig, VirtualPort
-from sinew.emulator.plant import HornMotion, Law, Motion
+from sinew.emulator.plant import HornMotion, JointPlant, Law, Motion
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import RigSpec
@@ -17,8 +17,8 @@ def paper_rig(**wiring: object) -> RigSpec:
     return spec.model_copy(update={"wiring": spec.wiring.model_copy(update=wiring)})
 
 
-class StandIn:
-    """A plant. Horns reach a position at FASTEST, keep a speed, and do not mind a load.
+class StandIn(JointPlant):
+    """Horns reach a position at FASTEST, keep a speed, and do not mind a load.
 
     What no law decides can be set: `current` by motor, `gyro`, `acceleration`.
     """
@@ -54,6 +54,9 @@ class StandIn:
 
     def place_lever(self, angle: float) -> None:
         self.angles[-1] = angle
+
+    def catch_up(self) -> None:
+        pass
 
     def advance(self, until: float) -> None:
         dt = until - self.time

@@ -20,14 +20,13 @@ from tests.unit.bench_journal import (
     written,
 )
 
-from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.bench.record.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_recording
-from sinew.measure.recording import iterate_segments, segment_slices
+from sinew.measure.recording import iterate_segments
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import LoadCell
 from sinew.plan.toml import dump_rig
@@ -57,14 +56,9 @@ def expected(frequency_hz: float) -> complex:
 
 
 @pytest.mark.parametrize("node", NODES.values(), ids=NODES)
-def test_a_swing_on_two_clocks_keeps_its_amplitude_within_a_thousandth(node: Node, tmp_path: Path) -> None:
+def test_a_swing_on_two_clocks_keeps_amplitude_and_phase(node: Node, tmp_path: Path) -> None:
     ratio = fundamental(recording_from_journal(written(tmp_path, node)), 4.3) / expected(4.3)
     assert abs(ratio) == pytest.approx(1.0, abs=1e-3)
-
-
-@pytest.mark.parametrize("node", NODES.values(), ids=NODES)
-def test_a_swing_on_two_clocks_keeps_its_phase_within_a_fifth_of_a_degree(node: Node, tmp_path: Path) -> None:
-    ratio = fundamental(recording_from_journal(written(tmp_path, node)), 4.3) / expected(4.3)
     assert np.degrees(np.angle(ratio)) == pytest.approx(0.0, abs=0.2)
 
 
@@ -81,28 +75,10 @@ def test_a_sample_that_was_read_twice_counts_once() -> None:
     assert imu_series(own + jitter, own[:, None]).time_s.size == 500
 
 
-def test_a_cubic_between_samples_keeps_a_sine_of_4_hz_within_a_ten_thousandth() -> None:
-    node = np.arange(400) / 200.0
-    rows = np.linspace(0.1, 1.9, 5000)
-    series = imu_series(node, np.sin(2 * np.pi * 4.0 * node)[:, None])
-    assert readings_at(series, rows)[:, 0] == pytest.approx(np.sin(2 * np.pi * 4.0 * rows), abs=1e-4)
-
-
 def test_there_is_no_reading_between_two_samples_that_are_three_periods_apart() -> None:
     node = np.delete(np.arange(400) / 200.0, [200, 201])
     found = readings_at(imu_series(node, node[:, None]), np.array([0.994, 0.996, 1.009, 1.011]))
     assert np.isnan(found[:, 0]).tolist() == [False, True, True, False]
-
-
-def test_analysis_takes_the_recording_like_any_other(tmp_path: Path) -> None:
-    results = analyse_recording(recording_from_journal(written(tmp_path)), RIG)
-    assert results["frequency_hz"].values.tolist() == [2.9, 4.3]
-
-
-def test_duty_and_voltage_of_the_tendons_are_in_the_recording(tmp_path: Path) -> None:
-    recording = recording_from_journal(written(tmp_path))
-    assert np.allclose(recording["tendon_pwm"].values, [0.1, 0.2, 0.3, 0.4])
-    assert np.allclose(recording["supply_v"].values, 12.3)
 
 
 def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp_path: Path) -> None:
@@ -124,12 +100,6 @@ def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp
 def test_the_recording_follows_the_plan_whatever_the_order_of_measuring(tmp_path: Path) -> None:
     recording = recording_from_journal(written(tmp_path, groups=(2, 0, 1)))
     assert recording["kind"].values.tolist() == ["idle", "settle", "steady", "settle", "steady"]
-
-
-def test_time_counts_from_the_first_row(tmp_path: Path) -> None:
-    recording = recording_from_journal(written(tmp_path))
-    starts = [float(recording["time_s"].values[w.start]) for w in segment_slices(recording)]
-    assert np.round(starts, 2).tolist() == [0.0, 20.0, 20.5, 40.0, 40.5]
 
 
 def test_the_latest_finished_attempt_counts(tmp_path: Path) -> None:
@@ -202,13 +172,6 @@ def test_a_group_whose_imu_froze_is_not_whole() -> None:
         replace(s, imu_time_s=samples[99].imu_time_s, gyro_rad_s=samples[99].gyro_rad_s) for s in samples[100:120]
     ]
     assert not group_is_whole(samples[:100] + frozen + samples[120:], 200.0)
-
-
-def test_the_recording_says_where_it_is_from(tmp_path: Path) -> None:
-    attrs = recording_from_journal(written(tmp_path)).attrs
-    assert (attrs["source"], attrs["plan"], attrs["rig"], attrs["seed"], attrs["runs"]) == (
-        "bench", PLAN_TEXT, RIG_TEXT, 7, 1,
-    )  # fmt: skip
 
 
 def test_counts_are_summed_over_the_runs_that_wrote(tmp_path: Path) -> None:

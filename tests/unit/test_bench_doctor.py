@@ -19,10 +19,6 @@ def test_every_motor_is_told_with_id_model_firmware_voltage_and_temperature(ward
     assert [fact for fact in facts if fact not in told] == []
 
 
-def test_a_factory_new_bench_has_no_fault(ward: Ward) -> None:
-    assert [finding for finding in ward.findings() if finding.severity == "fault"] == []
-
-
 def test_a_missing_device_is_a_fault_with_its_name(ward: Ward) -> None:
     ward.rigged = Rig(ward.bus, ward.port, paper_rig(tendon_ids=(1, 2, 9, 4)))
     roll = call_roll(ward.rigged)
@@ -38,12 +34,6 @@ def test_a_device_that_the_wiring_does_not_name_is_told_with_its_model(ward: War
 def test_another_model_is_a_fault(ward: Ward) -> None:
     ward.rigged = Rig(ward.bus, ward.port, paper_rig(tendon_ids=(1, 2, 3, 5), drive_id=4))
     assert "is model 1020 (XM430-W350), expected 1000" in ward.about("tendon 4", "fault")[0]
-
-
-def test_where_nobody_answers_one_sentence_says_so() -> None:
-    ward = Ward(baud=57_600)
-    roll = call_roll(ward.rigged)
-    assert [f.found for f in roll.findings] == ["no device of the wiring answers at 1000000 baud"]
 
 
 REGISTERS = {

@@ -87,13 +87,5 @@ def test_an_ftdi_adapter_whose_timer_is_not_shown_is_named_with_its_default(monk
     assert not is_ftdi("/dev/cu.usbmodem14101")
 
 
-def test_a_link_to_the_port_leads_to_its_timer(tmp_path: Path) -> None:
-    _, system = adapter(tmp_path, "16")
-    (tmp_path / "ttyUSB3.device").touch()
-    link = tmp_path / "by-id"
-    link.symlink_to("/dev/ttyUSB3")
-    assert find_latency_timer(str(link), system) is not None
-
-
 def test_a_baud_that_is_not_the_wirings_is_told() -> None:
     assert examine_port(None, 57_600, 1_000_000)[0].found == "57600 baud"

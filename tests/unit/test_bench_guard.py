@@ -48,7 +48,7 @@ def test_a_joint_at_rest_is_left_alone_for_ten_seconds() -> None:
     watch(2000)
 
 
-ONE_CYCLE = {
+ONE_CYCLE: dict[str, dict[str, Any]] = {
     "tendon_current_a": {"tendons": with_tendon(2, current=LIMITS.tendon_current_a * 1.01)},
     "tension_n": {"tendons": with_tendon(0, current=LIMITS.tension_n * RADIUS / 2.62 * 1.01)},
     "tendon_travel_mm": {"tendons": with_tendon(1, angle=3.0 + 1e-3 * LIMITS.tendon_travel_mm[1] / RADIUS * 1.01)},
@@ -60,6 +60,7 @@ ONE_CYCLE = {
         "tendons": with_tendon(1, angle=3.0 + 1e-3 * LIMITS.tendon_travel_mm[0] / RADIUS - 0.01)
     },
     "drive_window_deg: forwards": {"drive": replace(HORN, angle=math.radians(LIMITS.drive_window_deg * 1.01))},
+    "tilt_deg": {"tilt": (math.radians(LIMITS.tilt_deg * 1.01), 0.0)},
     "voltage_v: too much": {"climate": Climate("tendon 3", LIMITS.voltage_v[1] + 0.1, 30.0)},
 }
 
@@ -81,11 +82,6 @@ def test_a_spike_of_the_drive_current_of_two_cycles_does_not() -> None:
         current = 1.5 * LIMITS.drive_current_a if cycle in (50, 51) else 0.5
         lever = replace(HORN, angle=0.0, current=current)
         guard.check(replace(reading(cycle), drive=lever), LEVEL, PERIOD * cycle, WATCH)
-
-
-def test_a_tilt_beyond_its_limit_stops_the_run_in_that_very_cycle() -> None:
-    with pytest.raises(LimitError, match="tilt_deg"):
-        watch(1, tilt=(math.radians(LIMITS.tilt_deg * 1.01), 0.0))
 
 
 BENT = replace(WATCH, pose=(0.0, math.radians(20.0)))
@@ -130,19 +126,29 @@ def test_a_swing_within_the_limit_of_torsion_is_left_alone() -> None:
     swing(0.9, 2000)
 
 
-def test_an_alert_stops_the_run_in_that_very_cycle() -> None:
-    with pytest.raises(LostError, match="tendon 4 raises its alert"):
-        watch(1, tendons=with_tendon(3, alert=True))
+LOST: dict[str, tuple[int, Watch, dict[str, Any]]] = {
+    "tendon 4 raises its alert": (1, WATCH, {"tendons": with_tendon(3, alert=True)}),
+    "drive has not answered": (2 + round(LOST_AFTER_S / PERIOD), WATCH, {"drive": None}),
+    "IMU repeats one sample": (2 + round(LOST_AFTER_S / PERIOD), WATCH, {"imu": reading().imu}),
+    "tendon 2 stands": (100, WATCH, {"tendons": with_tendon(1, angle=HORN.angle - 1.2e-3 / RADIUS)}),
+    "tendon 1 pulls with 70 mA, expected 100": (
+        100,
+        replace(WATCH, by_current=True, goals=(CURRENT,) * 4, share=None),
+        {"tendons": with_tendon(0, current=0.07)},
+    ),
+    "tendon 3 carries .* has a cable slipped or caught": (
+        600,
+        replace(WATCH, resting=False),
+        {"tendons": with_tendon(2, current=0.5 * CURRENT)},
+    ),
+}
 
 
-def test_a_motor_that_is_silent_for_longer_than_allowed_is_lost() -> None:
-    with pytest.raises(LostError, match="drive has not answered"):
-        watch(2 + round(LOST_AFTER_S / PERIOD), drive=None)
-
-
-def test_a_sensor_that_repeats_one_sample_is_lost() -> None:
-    with pytest.raises(LostError, match="IMU repeats one sample"):
-        watch(2 + round(LOST_AFTER_S / PERIOD), imu=reading().imu)
+@pytest.mark.parametrize("said", LOST)
+def test_a_device_that_is_not_as_it_must_be_is_named_after_so_many_cycles(said: str) -> None:
+    cycles, watched, changes = LOST[said]
+    with pytest.raises(LostError, match=said):
+        watch(cycles, watched, **changes)
 
 
 def test_a_pause_of_the_computer_is_not_taken_for_a_silent_device() -> None:
@@ -151,24 +157,8 @@ def test_a_pause_of_the_computer_is_not_taken_for_a_silent_device() -> None:
     guard.check(replace(reading(20), drive=None), LEVEL, 20 * PERIOD, WATCH)
 
 
-def test_a_tendon_that_stands_elsewhere_than_told_is_called_stuck() -> None:
-    with pytest.raises(LostError, match="tendon 2 stands"):
-        watch(100, tendons=with_tendon(1, angle=HORN.angle - 1.2e-3 / RADIUS))
-
-
 def test_a_tendon_on_its_way_is_not_called_stuck() -> None:
     watch(100, replace(WATCH, resting=False), tendons=with_tendon(1, angle=HORN.angle - 1.2e-3 / RADIUS))
-
-
-def test_a_tendon_that_does_not_hold_its_current_is_called_stuck() -> None:
-    by_current = replace(WATCH, by_current=True, goals=(CURRENT,) * 4, share=None)
-    with pytest.raises(LostError, match="tendon 1 pulls with 70 mA, expected 100"):
-        watch(100, by_current, tendons=with_tendon(0, current=0.07))
-
-
-def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
-    with pytest.raises(LostError, match=r"tendon 3 carries .* has a cable slipped or caught"):
-        watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))
 
 
 def test_a_pretension_whose_tendons_carry_other_parts_than_the_one_before_is_left_alone() -> None:

@@ -8,7 +8,6 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from tests.patience import finished, until
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
 
 from sinew.bench.record.journal import Journal, JournalReader
-from sinew.bench.record.sample import MISSING, Sample, sample_columns, sample_row
+from sinew.bench.record.sample import Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
 from sinew.measure.events import Pulled
 from sinew.measure.recording import Segment
@@ -38,10 +37,6 @@ def sample(time: float = 1.0) -> Sample:
     )  # fmt: skip
 
 
-def flat(value: Sample) -> list[float]:
-    return [x for part in astuple(value) for x in (part if isinstance(part, tuple) else (part,))]
-
-
 def test_what_was_appended_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     group = cycles(PLAN.groups()[1], 1000.0, Node(has_counter=True))
     with create(tmp_path) as journal:
@@ -52,14 +47,6 @@ def test_what_was_appended_comes_back_to_the_last_bit(tmp_path: Path) -> None:
         np.stack([table[name] for name in sample_columns(parse_rig(RIG_TEXT))], axis=1),
         np.array([sample_row(s) for s in group]),
     )
-
-
-def test_a_missing_reading_comes_back_as_missing(tmp_path: Path) -> None:
-    with create(tmp_path) as journal:
-        journal.append(Sample(**{**{f: getattr(sample(), f) for f in Sample.__slots__}, "drive_rad": MISSING}))
-    with JournalReader(tmp_path / "journal.sqlite") as reader:
-        table = reader.samples(1, 2)
-    assert [name for name, column in table.items() if np.isnan(column[0])] == ["drive_rad"]
 
 
 def test_a_segment_says_which_samples_are_its_own(tmp_path: Path) -> None:
@@ -85,14 +72,6 @@ def test_events_and_counts_come_back(tmp_path: Path) -> None:
             [Pulled.of()],
             {"bus_retries": 3.0},
         )
-
-
-def test_committed_samples_can_be_read_while_the_run_goes_on(tmp_path: Path) -> None:
-    with create(tmp_path) as journal:
-        journal.append(sample())
-        journal.flush()
-        with JournalReader(tmp_path / "journal.sqlite") as reader:
-            assert reader.last_sample() == 1
 
 
 def test_samples_are_committed_while_the_disk_still_syncs_a_group(
@@ -142,16 +121,11 @@ def test_a_closed_journal_is_one_file_and_its_lock(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["journal.sqlite", "journal.sqlite.lock"]
 
 
-def test_a_resumed_journal_knows_the_groups_that_are_finished(tmp_path: Path) -> None:
+def test_a_resumed_journal_knows_the_groups_that_were_found_whole(tmp_path: Path) -> None:
     path = written(tmp_path, groups=(0, 2))
     with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
-        assert journal.finished_groups() == {0, 2}
-
-
-def test_a_group_that_was_recorded_but_not_found_whole_is_not_finished(tmp_path: Path) -> None:
-    with create(tmp_path) as journal:
         write_group(journal, 1, cycles(PLAN.groups()[1], 1000.0, Node()), finish=False)
-        assert journal.finished_groups() == frozenset()
+        assert journal.finished_groups() == {0, 2}
 
 
 def test_a_group_is_not_finished_by_the_segments_of_another(tmp_path: Path) -> None:
@@ -173,50 +147,20 @@ def test_a_segment_that_was_running_is_aborted_by_the_next_run_and_keeps_its_sam
         assert ([s.state for s in reader.stretches()], reader.last_sample()) == (["aborted"], before)
 
 
-def test_a_segment_under_way_is_aborted_when_the_journal_is_closed(tmp_path: Path) -> None:
-    with create(tmp_path) as journal:
-        journal.begin_segment(1, 0, STEADY)
-    with JournalReader(tmp_path / "journal.sqlite") as reader:
-        assert [(s.state, s.note) for s in reader.stretches()] == [("aborted", "the run ended")]
-
-
-def test_numbering_goes_on_where_the_run_before_stopped(tmp_path: Path) -> None:
-    path = written(tmp_path, groups=(0,))
-    with JournalReader(path) as reader:
-        before = reader.last_sample()
-    with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
-        journal.append(sample())
-    with JournalReader(path) as reader:
-        assert (reader.last_sample(), len(reader.dates)) == (before + 1, 2)
-
-
 def test_a_second_run_on_the_same_journal_is_refused(tmp_path: Path) -> None:
     with create(tmp_path), pytest.raises(FileError, match=r"another run is writing the journal .*; wait until it has"):
         Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT)
 
 
-def test_the_lock_of_a_refused_journal_is_given_back(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    with pytest.raises(FileError, match="another plan"):
-        Journal.open(path, "other", RIG_TEXT)
-    assert Journal.open(path, PLAN_TEXT, RIG_TEXT).close() is None
-
-
-def test_a_journal_that_exists_is_not_overwritten(tmp_path: Path) -> None:
-    written(tmp_path)
-    with pytest.raises(FileError, match="exists; resume its run, or choose another folder"):
-        create(tmp_path)
-
-
-def test_another_plan_is_refused_with_the_first_line_that_differs(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    with pytest.raises(FileError, match=r"another plan \(line \d+: found 'settle_s = 9', expected 'settle_s = 0.5'\)"):
-        Journal.open(path, PLAN_TEXT.replace("settle_s = 0.5", "settle_s = 9"), RIG_TEXT)
-
-
-def test_resuming_without_a_journal_is_refused(tmp_path: Path) -> None:
+def test_a_journal_that_exists_is_not_overwritten_nor_gone_on_with_by_another_plan(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"there is no journal .* to resume; start the run without"):
         Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT)
+    path = written(tmp_path)
+    with pytest.raises(FileError, match="exists; resume its run, or choose another folder"):
+        create(tmp_path)
+    with pytest.raises(FileError, match=r"another plan \(line \d+: found 'settle_s = 9', expected 'settle_s = 0.5'\)"):
+        Journal.open(path, PLAN_TEXT.replace("settle_s = 0.5", "settle_s = 9"), RIG_TEXT)
+    Journal.open(path, PLAN_TEXT, RIG_TEXT).close()  # the lock of one that was refused is given back
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:

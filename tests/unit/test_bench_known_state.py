@@ -14,7 +14,7 @@ from sinew.bench.preflight import refuse_unready
 from sinew.bench.record.journal import Journal, JournalReader
 from sinew.bench.run import Runner
 from sinew.bench.stops import stop
-from sinew.hardware.configuration import KNOWN_STATE, Post, read_counts, unfit_settings
+from sinew.hardware.configuration import KNOWN_STATE
 from sinew.hardware.registers import Register
 from sinew.hardware.rig import Reading
 from sinew.measure.errors import DeviceError, StartError
@@ -181,16 +181,6 @@ def test_the_limit_of_the_drives_duty_is_the_rigs() -> None:
     assert [bench.emulated.motors[5].registers[name] for name in ("pwm_limit", "goal_pwm")] == [531, 531]
 
 
-def test_the_doctor_names_what_a_run_would_set_or_refuse() -> None:
-    bench = still_bench()
-    bench.emulated.motors[5].registers["position_p_gain"] = 400
-    bench.emulated.motors[2].registers["shadow_id"] = 9
-    found = examine_motors(bench.rig, call_roll(bench.rig))
-    said = {(finding.severity, finding.subject, finding.found) for finding in found}
-    assert ("note", "drive", "position_p_gain 400") in said
-    assert ("fault", "tendon 2", "shadow_id 9") in said
-
-
 def test_the_doctor_is_silent_on_the_goals_that_every_stop_leaves() -> None:
     bench = still_bench()
     bench.rig.configure()
@@ -198,14 +188,6 @@ def test_the_doctor_is_silent_on_the_goals_that_every_stop_leaves() -> None:
     bench.rig.drive.set_count("goal_pwm", 177)
     findings = examine_motors(bench.rig, call_roll(bench.rig))
     assert [finding.found for finding in findings if finding.severity != "ok"] == []
-
-
-def test_a_motor_in_its_known_state_has_nothing_to_be_set() -> None:
-    bench = still_bench()
-    bench.rig.configure()
-    for motor in bench.rig.motors:
-        counts = read_counts(motor)
-        assert unfit_settings(Post(motor, SPEC, counts["operating_mode"]), counts, goals=True) == []
 
 
 @pytest.mark.parametrize(("register", "count"), [("position_p_gain", 700), ("torque_enable", 0), ("goal_pwm", 177)])

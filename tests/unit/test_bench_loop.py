@@ -53,17 +53,6 @@ def _watched(hz: float, baud: int) -> tuple[Loop, list[tuple[float, float]], lis
     return loop, heard, taken
 
 
-def test_the_motors_are_read_in_the_middle_of_the_time_for_which_they_keep_a_goal() -> None:
-    # Just behind a step of the goal, or just before it, duty and current are those of another half cycle.
-    loop, heard, taken = _watched(200.0, 1_000_000)
-    start = loop.due
-    loop.run(0.4, lambda time: math.radians(200.0) * (time - start))
-    heard_s = np.array(heard)[:, 0]
-    read_s = np.array([sample.time_s for sample in taken])[1:]
-    since = read_s - heard_s[np.searchsorted(heard_s, read_s) - 1]
-    assert np.abs(since - 2.5e-3).max() < 0.25e-3  # the wire and the port take some
-
-
 @pytest.mark.parametrize(("hz", "baud"), [(200.0, 1_000_000), (25.0, 57_600)])
 def test_every_row_holds_the_goal_that_was_in_force_when_the_drive_was_read(hz: float, baud: int) -> None:
     # On the slow line reading takes longer than half a cycle: the goal is then older or younger, but known.

@@ -44,13 +44,3 @@ def test_a_run_counts_and_tells_what_its_board_lost_meanwhile(
     assert f"{lost} samples of the IMU are lost" in said_of(report, capsys)
     with JournalReader(tmp_path / "journal.sqlite") as reader:
         assert reader.counts()["samples_lost"] == lost
-
-
-def test_a_board_that_counts_nothing_is_run_with_all_the_same(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bench = lossy_bench(already=0)
-    bench.emulated.imu.registers["who_am_i"] = 0  # as where there is no such register
-    report = bench.run(PLAN, tmp_path, {2.0: 20.0})
-    assert (report.is_complete, report.lost_samples) == (True, None)
-    assert "samples of the IMU" not in said_of(report, capsys)

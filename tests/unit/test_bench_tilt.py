@@ -96,14 +96,6 @@ def test_the_components_turn_with_the_head() -> None:
     assert np.degrees(np.abs(off)).max() < 0.5
 
 
-def test_taking_out_what_the_swing_gives_the_chip_halves_the_error_as_it_begins() -> None:
-    readings = swing(40.0, 4.0, seconds=6.0)
-    on_axis = RIG.with_values({"imu.mount_radius": 0.0})
-    true = np.hypot(*readings.tilt.T)
-    with_arm, without = (np.abs(followed(readings, TiltEstimator(rig))[:, 0] - true).max() for rig in (RIG, on_axis))
-    assert with_arm < 0.7 * without
-
-
 def test_the_bias_is_learnt_at_rest() -> None:
     bias = (0.002, -0.003, 0.004)
     estimator = TiltEstimator(RIG)

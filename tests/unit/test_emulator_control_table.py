@@ -8,7 +8,7 @@ from sinew.emulator.device import ControlTable
 from sinew.hardware.registers import XH430_W350
 
 RANGE, LENGTH, ACCESS = 4, 5, 7
-LED, GOAL_PWM, GOAL_POSITION, PRESENT_POSITION, TORQUE, ID = 65, 100, 116, 132, 64, 7
+LED, GOAL_POSITION, PRESENT_POSITION, TORQUE, ID = 65, 116, 132, 64, 7
 INDIRECT_ADDRESS, INDIRECT_DATA = 168, 224
 
 
@@ -29,12 +29,37 @@ def point(table: ControlTable, nth: int, *targets: int) -> None:
         assert put(table, INDIRECT_ADDRESS + 2 * (nth - 1 + at), target.to_bytes(2, "little")) == 0
 
 
+@pytest.mark.parametrize(("address", "length"), [(66, 2), (662, 1), (660, 4), (0, 663), (65_535, 65_535)])
+def test_reading_where_nothing_is_is_an_access_error(table: ControlTable, address: int, length: int) -> None:
+    assert table.read(address, length) == (ACCESS, b"")
+
+
 @pytest.mark.parametrize(
-    ("address", "size", "value"),
-    [(0, 2, 1000), (9, 1, 250), (11, 1, 3), (38, 2, 648), (63, 1, 52), (68, 1, 2), (84, 2, 900), (168, 2, 224)],
+    ("address", "data", "number"),
+    [
+        *((address, bytes(4), ACCESS) for address in (PRESENT_POSITION, 0, 66, 700, 65_535)),  # read-only, or nothing
+        (INDIRECT_DATA, b"\x01", ACCESS),  # stands for a byte that is read-only
+        (INDIRECT_DATA + 1, b"\x01", LENGTH),  # for one of a longer register
+        *((GOAL_POSITION, bytes(size), LENGTH) for size in (1, 2, 3)),
+        (TORQUE, b"\x02", RANGE),
+        (TORQUE, b"\x01\x02", RANGE),  # of which the first alone would do
+        (ID, b"\xfd", RANGE),
+        (98, b"\xff", RANGE),
+        (GOAL_POSITION, (1_048_576).to_bytes(4, "little"), RANGE),
+        (INDIRECT_ADDRESS, ID.to_bytes(2, "little"), RANGE),  # cannot point into the EEPROM
+    ],
 )
-def test_a_new_xh430_holds_the_manuals_initial_values(table: ControlTable, address: int, size: int, value: int) -> None:
-    assert table.read(address, size) == (0, value.to_bytes(size, "little"))
+def test_what_cannot_be_written_is_refused_and_stores_nothing(
+    table: ControlTable, address: int, data: bytes, number: int
+) -> None:
+    point(table, 1, PRESENT_POSITION, GOAL_POSITION)
+    before = bytes(table.memory)
+    assert put(table, address, data) == number
+    assert bytes(table.memory) == before
+
+
+def test_eeprom_is_locked_while_the_torque_is_on(table: ControlTable) -> None:
+    assert (put(table, ID, b"\x09", locked=True), table["id"]) == (ACCESS, 1)
 
 
 def test_a_gap_between_registers_reads_as_zero(table: ControlTable) -> None:
@@ -42,63 +67,10 @@ def test_a_gap_between_registers_reads_as_zero(table: ControlTable) -> None:
     assert table.read(TORQUE, 5) == (0, b"\x01\x01\x00\x00\x02")
 
 
-@pytest.mark.parametrize(("address", "length"), [(66, 2), (662, 1), (660, 4), (0, 663), (65_535, 65_535)])
-def test_reading_where_nothing_is_is_an_access_error(table: ControlTable, address: int, length: int) -> None:
-    assert table.read(address, length) == (ACCESS, b"")
-
-
-@pytest.mark.parametrize("address", [PRESENT_POSITION, 0, 66, 700, 65_535])
-def test_writing_what_is_read_only_or_undefined_is_an_access_error(table: ControlTable, address: int) -> None:
-    assert put(table, address, b"\x00\x00\x00\x00") == ACCESS
-
-
-def test_eeprom_is_locked_while_the_torque_is_on(table: ControlTable) -> None:
-    assert put(table, ID, b"\x09", locked=True) == ACCESS
-    assert table["id"] == 1
-
-
-@pytest.mark.parametrize("data", [b"\x00", b"\x00\x00", b"\x00\x00\x00"])
-def test_fewer_bytes_than_the_register_has_are_a_length_error(table: ControlTable, data: bytes) -> None:
-    assert put(table, GOAL_POSITION, data) == LENGTH
-
-
-@pytest.mark.parametrize(
-    ("address", "data"),
-    [(TORQUE, b"\x02"), (ID, b"\xfd"), (98, b"\xff"), (GOAL_POSITION, (1_048_576).to_bytes(4, "little"))],
-)
-def test_a_value_outside_the_registers_range_is_a_range_error(table: ControlTable, address: int, data: bytes) -> None:
-    assert put(table, address, data) == RANGE
-
-
-def test_one_write_covers_neighbouring_registers(table: ControlTable) -> None:
-    assert put(table, GOAL_PWM, b"\x0a\x00\xf6\xff") == 0
-    assert (table["goal_pwm"], table["goal_current"]) == (10, -10)
-
-
-def test_a_write_of_which_one_register_is_refused_stores_nothing(table: ControlTable) -> None:
-    before = bytes(table.memory)
-    assert put(table, TORQUE, b"\x01\x02") == RANGE
-    assert bytes(table.memory) == before
-
-
 def test_an_indirect_byte_stands_for_the_byte_it_points_to(table: ControlTable) -> None:
     point(table, 1, LED)
     assert put(table, INDIRECT_DATA, b"\x01") == 0
     assert table["led"] == 1
-
-
-def test_an_indirect_byte_inherits_that_its_target_is_read_only(table: ControlTable) -> None:
-    point(table, 1, PRESENT_POSITION)
-    assert put(table, INDIRECT_DATA, b"\x01") == ACCESS
-
-
-def test_an_indirect_byte_of_a_longer_register_alone_is_a_length_error(table: ControlTable) -> None:
-    point(table, 1, GOAL_POSITION)
-    assert put(table, INDIRECT_DATA, b"\x01") == LENGTH
-
-
-def test_an_indirect_address_cannot_point_into_the_eeprom(table: ControlTable) -> None:
-    assert put(table, INDIRECT_ADDRESS, ID.to_bytes(2, "little")) == RANGE
 
 
 def test_a_restart_keeps_the_eeprom_and_forgets_the_rest(table: ControlTable) -> None:

@@ -3,7 +3,6 @@
 import math
 from itertools import pairwise
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,15 +10,11 @@ from hypothesis import strategies as st
 
 from sinew.emulator.joint import TICK_S
 from sinew.emulator.plant import GEAR_HOLD, JointPlant, Law
-from sinew.measure.errors import SpecError
-from sinew.mechanics.joint import State
-from sinew.mechanics.silicone import silicone_energy, viscoelastic_energy
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.solve.march import Track
 from sinew.solve.programs import configure
-from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 # The joint behind its motors, against the twin and against closed forms.
@@ -107,34 +102,6 @@ def test_a_pull_by_current_from_unequal_slack_ends_with_the_tension_asked_for() 
     assert plant.tension == pytest.approx([12.0] * 4, rel=0.01)
 
 
-def _stored(plant: JointPlant) -> float:
-    """Return kinetic and elastic energy of a joint on motors that hold their position [J]."""
-    (state, tilt), p = plant.state, from_rig(RIG)
-    motion = State(*(tuple(map(jnp.asarray, x)) if isinstance(x, tuple) else jnp.asarray(x) for x in state))  # type: ignore[arg-type]
-    lever = state.torsion_rate + state.lever_rate
-    inertia = RIG.inertia
-    kinetic = inertia.head.value * state.torsion_rate**2 + inertia.lever.value * lever**2
-    kinetic += RIG.drive.armature.value * state.lever_rate**2 + inertia.head_mass.value * state.shortening_rate**2
-    elastic = silicone_energy(motion.torsion, motion.shortening, p)
-    elastic += viscoelastic_energy(motion.torsion, motion.shortening, motion.memory, motion.axial_memory, p)
-    tendons = sum(tension**2 for tension in plant.tension) / SERIES
-    return float(elastic) + 0.5 * float(kinetic + tendons + BENDING * (tilt[0] ** 2 + tilt[1] ** 2))
-
-
-@pytest.mark.slow
-def test_a_joint_that_nothing_drives_only_loses_energy() -> None:
-    rig = RIG.with_values({"tendons.guide_friction": 0.0})  # bristles would give back what they took
-    plant = _pulled([_by_position(wound) for wound in (6e-3, 7e-3, 8e-3, 6.5e-3)], rig)
-    _swing(plant, 3.4, 1.5)
-    plant.set_law(4, Law("off"))
-    start = plant.motion().time
-    energies = []
-    for tick in range(1600):
-        plant.advance(start + tick * TICK_S)
-        energies.append(_stored(plant))
-    assert np.diff(energies).max() < 1e-6 * energies[0]
-
-
 def test_a_rest_bend_under_equal_tensions_is_amplified_as_an_arc_is() -> None:
     rest, tension = math.radians(2.0), 20.0
     plant = _pulled([Law("current", tension * NEWTON)] * 4, rest_tilt=(0.0, rest))
@@ -153,16 +120,6 @@ def test_tendons_pulled_unequally_tilt_the_plate_towards_the_shorter() -> None:
     assert plant.motion().tilt == pytest.approx(
         (0.0, differ / GUIDE * tendons / (tendons + bending)), rel=0.02, abs=1e-6
     )
-
-
-def test_tilt_takes_five_milliseconds_to_come_on_locked_tendons() -> None:
-    plant = _pulled([_by_position(7e-3)] * 4)
-    for tendon, wound in enumerate((7.02e-3, 7e-3, 6.98e-3, 7e-3)):  # 0.02 mm: half a millisecond of winding
-        plant.set_law(tendon, _by_position(wound))
-    plant.advance(SETTLED_S + 6e-3)
-    early = math.hypot(*plant.motion().tilt)
-    plant.advance(SETTLED_S + 0.2)
-    assert 0.55 < early / math.hypot(*plant.motion().tilt) < 0.8
 
 
 def test_a_tilted_plate_leans_the_accelerometer() -> None:
@@ -184,27 +141,6 @@ def test_the_gyro_turns_with_the_head_when_the_plate_tilts_back() -> None:
     turn = before.torsion
     seen = [math.cos(turn) * rate[0] + math.sin(turn) * rate[1], math.cos(turn) * rate[1] - math.sin(turn) * rate[0]]
     assert before.gyro[1:] == pytest.approx(seen, rel=0.05, abs=1e-3)
-
-
-def _moved_lever(middle: float) -> np.ndarray:
-    """Return torsion rate and tensions every 5 ms while the lever moves by 3° from its middle."""
-    plant = JointPlant(RIG, slack_m=[-5e-4] * 4)
-    plant.place_lever(middle)
-    for tendon in range(4):
-        plant.set_law(tendon, _by_position(0.0))
-    seen = []
-    for k in range(40):
-        plant.set_law(4, Law("position", middle + math.radians(3.0), DRIVE_GAIN))
-        plant.advance(0.005 * (k + 1))
-        seen.append((plant.motion().torsion_rate, *plant.motion().tension))
-    return np.array(seen)
-
-
-def test_no_move_of_the_lever_shows_where_its_middle_is() -> None:
-    # Neither energy nor inertia of the straight joint contains the lever's angle, only its rate.
-    middle, off = _moved_lever(0.0), _moved_lever(math.radians(40.0))
-    assert np.abs(middle[:, 0]).max() > 0.05
-    assert off == pytest.approx(middle, abs=1e-9)
 
 
 def test_a_lever_that_is_placed_by_hand_takes_no_time() -> None:
@@ -248,27 +184,9 @@ def _run(plant: JointPlant, seconds: float, laws: list[Law] | Law | None = None)
     return plant
 
 
-@pytest.mark.slow
-def test_a_far_goal_is_approached_at_the_no_load_speed_while_slack() -> None:
-    plant = _run(_plant(0.05), 0.2, _towards(0.04))
-    assert plant.motion().tendons[0].angle == pytest.approx(0.2 * NO_LOAD, rel=1e-6)
-
-
 def test_a_current_limit_bounds_the_tension_of_a_position_goal() -> None:
     plant = _run(_plant(), 4.0, _towards(15e-3, current_limit=30 * NEWTON))
     assert plant.tension == pytest.approx([30.0] * 4)
-
-
-def test_a_yielding_motors_encoder_follows_the_cable() -> None:
-    plant = _run(_plant(), 4.0, _towards(15e-3, current_limit=30 * NEWTON))
-    # the cable is the span and what is wound up, stretched by its tension
-    wound = plant.state.motion.shortening + 30.0 / CABLE
-    assert plant.motion().tendons[2].angle * RADIUS == pytest.approx(wound, rel=1e-6)
-
-
-def test_a_loaded_motor_stands_behind_its_goal_by_the_servos_give() -> None:
-    plant = _run(_plant(), 4.0, _towards(8e-3))
-    assert plant.motion().tendons[1].angle * RADIUS == pytest.approx(8e-3 - plant.tension[1] / SERVO, rel=1e-9)
 
 
 def test_duty_pulls_with_its_share_of_the_stall_torque() -> None:
@@ -346,13 +264,6 @@ def test_a_horn_never_jumps_whatever_its_law_becomes(orders: list[tuple[int, Law
     assert farthest < 1.6 * NO_LOAD * TICK_S
 
 
-def test_a_tendon_that_goes_slack_and_taut_again_carries_what_it_did() -> None:
-    plant = _run(_plant(), 12.0, _towards(6e-3))
-    before = plant.tension
-    _run(plant, 2.0, _towards(-6e-3))
-    assert _run(plant, 12.0, _towards(6e-3)).tension == pytest.approx(before, rel=1e-4)
-
-
 def test_a_joint_of_stiff_cables_and_light_head_needs_no_smaller_tick() -> None:
     values = {"tendons.cable_stiffness": 1e6, "tendons.servo_stiffness": 5e5, "inertia.head_mass": 0.3}
     guides = {"tendons.head_radius": 0.045, "tendons.base_radius": 0.045}
@@ -392,25 +303,6 @@ def test_the_drives_goal_is_approached_at_its_speed_limit() -> None:
     plant.set_law(4, Law("position", 3.0, 40.0, speed_limit=0.6))
     first = _run(plant, 2.0).motion().drive.angle
     assert _run(plant, 1.0).motion().drive.angle - first == pytest.approx(0.6, rel=0.02)
-
-
-def _in_motion() -> JointPlant:
-    plant = _run(_plant(), 3.0, _by_tension(20.0))
-    plant.set_law(4, Law("position", 0.6, RIG.drive.position_gain.value))
-    return _run(plant, 40 * TICK_S)
-
-
-def test_a_reading_between_two_ticks_lies_on_the_way_between_them() -> None:
-    plant = _in_motion()
-    before = plant.motion().torsion
-    between = _run(plant, 0.6 * TICK_S).motion().torsion
-    after = _run(plant, 0.4 * TICK_S).motion().torsion
-    assert between - before == pytest.approx(0.6 * (after - before), rel=0.02)
-
-
-def test_every_tendon_needs_its_slack() -> None:
-    with pytest.raises(SpecError, match="3 slacks"):
-        JointPlant(RIG, slack_m=[0.0] * 3)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.1, 0.5, 0.9])

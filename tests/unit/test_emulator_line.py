@@ -97,33 +97,12 @@ def test_a_fast_read_ends_at_a_device_that_does_not_know_it() -> None:
     assert [part.id for part in ask.fast_blocks(b"".join(data for _, data in came), [2, 2, 2])] == [1]
 
 
-def test_registers_are_read_when_the_device_answers() -> None:
-    bench = Bench(return_delay=254)
-    bench.put(1, "operating_mode", 1)
-    bench.put(1, "torque_enable", 1)
-    bench.put(1, "goal_velocity", 130)
-    bench.wait(0.1)
-    start = bench.plant.angles[0] + bench.plant.speeds[0] * (bench.rig.time - bench.plant.time)
-    [(_, data)] = answers(bench, encode(ask.read(1, 132, 4)))
-    moved = bench.plant.speeds[0] * (14 * BYTE + 508e-6) / (2 * 3.141592653589793 / 4096)
-    position = int.from_bytes(Decoder().feed(data)[0].params, "little")  # type: ignore[union-attr]
-    assert position == pytest.approx(2048 + start / (2 * 3.141592653589793 / 4096) + moved, abs=0.51)
-
-
 def test_two_motors_with_one_id_spoil_each_other() -> None:
     bench = Bench()
     bench.rig.motors[2].registers["id"] = 1
     bench.plant.angles[0] = 0.7
     reply = bench.bus.read(1, 132, 4)
     assert reply.outcome is Outcome.DAMAGED
-
-
-def test_two_motors_with_one_id_and_different_return_delays_are_heard_to_differ() -> None:
-    bench = Bench()
-    bench.rig.motors[2].registers["id"] = 1
-    bench.rig.motors[2].registers["return_delay_time"] = 0
-    came = answers(bench, encode(ask.ping(1)))
-    assert [status.id for status in statuses(came)] == [1, 1]
 
 
 def test_a_master_that_talks_into_an_answer_spoils_both() -> None:
@@ -134,15 +113,6 @@ def test_a_master_that_talks_into_an_answer_spoils_both() -> None:
     rig.advance(start + 0.1)
     assert not statuses([(0.0, rig.transmit(start + 0.1))])
     assert bench.get(2, "led") == 0
-
-
-def test_bytes_written_in_bits_and_pieces_are_one_instruction() -> None:
-    bench = Bench()
-    rig = bench.rig
-    for at, byte in enumerate(encode(ask.ping(1))):
-        rig.receive(bytes([byte]), at * 1e-3)
-    rig.advance(1.0)
-    assert [status.id for status in statuses([(0.0, rig.transmit(1.0))])] == [1]
 
 
 @pytest.mark.parametrize(("gap", "heard"), [(1.4e-3, [1]), (1.6e-3, []), (50e-3, [])])
@@ -179,31 +149,6 @@ def test_nobody_answers_a_wrong_crc_that_is_for_all_or_for_nobody_there(packet: 
     assert not answers(Bench(), damaged(encode(packet)))
 
 
-def test_instructions_sent_in_one_go_are_carried_out_one_after_another() -> None:
-    bench = Bench()
-    packets = b"".join(encode(ask.write(1, 65, bytes([count % 2]))) for count in range(3))
-    rig = bench.rig
-    rig.receive(packets, 0.0)
-    seen = []
-    for at in range(1, 4):
-        rig.advance(at * 13 * BYTE + 1e-9)
-        seen.append(rig.motors[1].registers["led"])
-    assert seen == [0, 1, 0]
-
-
-def test_a_disturbance_on_the_way_down_keeps_instructions_from_the_devices() -> None:
-    bench = Bench()
-    bench.rig.line.disturb_down = lambda at, data: []
-    assert bench.bus.ping(1).outcome is Outcome.SILENT
-
-
-def test_a_disturbance_on_the_way_up_can_delay_and_double_a_status() -> None:
-    bench = Bench(return_delay=0)
-    bench.rig.line.disturb_up = lambda at, data: [(at + 1e-3, data), (at + 2e-3, data)]
-    came = [at for at, _ in answers(bench, encode(ask.ping(1)))]
-    assert came == pytest.approx([24 * BYTE + 1e-3, 24 * BYTE + 2e-3], abs=1e-9)
-
-
 @settings(max_examples=200, deadline=None)
 @given(
     chunks=st.lists(
@@ -212,9 +157,15 @@ def test_a_disturbance_on_the_way_up_can_delay_and_double_a_status() -> None:
             st.builds(
                 lambda device, code, params: encode(ask.Instruction(device, code, params)),
                 st.sampled_from([1, 2, 5, 200, 254]),
-                st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x10, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A, 0xAA]),
+                st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x10, 0x20, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A, 0xAA]),
                 st.one_of(
                     st.binary(max_size=20),
+                    st.builds(
+                        lambda at, data: at.to_bytes(2, "little") + data, st.integers(0, 700), st.binary(max_size=8)
+                    ),
+                    st.sampled_from(
+                        [b"\x40\x00\x01", b"\x40\x00\x00", b"\x0b\x00\x00", b"\x0b\x00\x10", b"\x62\x00\x01"]
+                    ),
                     st.builds(
                         lambda at, size, devices: at.to_bytes(2, "little") + size.to_bytes(2, "little") + devices,
                         st.integers(0, 700),

@@ -10,11 +10,9 @@ from pathlib import Path
 
 import pytest
 import serial
-from tests.patience import LONG_S, comes
+from tests.patience import comes
 
 from sinew.emulator.port_server import PtyServer
-from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.ports import SerialPort
 from sinew.measure.errors import FileError
 
 TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it
@@ -150,18 +148,6 @@ def test_answers_are_worked_out_before_their_time_and_sent_at_it(served: Served)
         assert (worked_out, early, come(master)) == (0.0016, b"", b"answer")
 
 
-def test_a_master_may_close_the_port_and_open_it_again(served: Served) -> None:
-    for number in (1, 2, 3):
-        with opened(served) as master:
-            master.write(b"x" * number)
-            served.at(0.01 * number)
-            served.bench.due = [(0.0, b"y" * number)]
-            served.at(0.01 * number + 0.001)
-            assert come(master) == b"y" * number
-        served.at(0.01 * number + 0.005)
-    assert served.bench.heard == b"xxxxxx"
-
-
 def test_a_master_that_took_the_port_for_itself_leaves_it_to_others(served: Served) -> None:
     is_exclusive = struct.Struct("i")
     with opened(served) as master:
@@ -181,43 +167,6 @@ def test_a_master_that_does_not_read_holds_nobody_up_and_loses_bytes(served: Ser
             served.bench.due = [(0.0, bytes(4000))]
             served.at(0.001 * number)
     assert served.server.lost > 0
-
-
-def test_a_master_that_reads_late_gets_on_with_what_is_said_now(served: Served) -> None:
-    with opened(served) as master:
-        for number in range(40):
-            served.bench.due = [(0.0, bytes(4000))]
-            served.at(0.001 * number)
-        while master.read(1 << 20):
-            served.clock.time += 0.002
-            served.server.step()
-        served.bench.due = [(0.0, b"now")]
-        served.clock.time += 0.002
-        served.server.step()
-        assert come(master) == b"now"
-
-
-def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
-    from sinew.measure.errors import PortError
-
-    clock = MonotonicClock()
-    port = SerialPort(str(served.link), 1_000_000, clock)
-    served.bench.unplugged = True
-    served.at(0.001)
-    with pytest.raises(PortError, match="lost"):
-        port.read(clock.now() + LONG_S)
-    port.close()
-
-
-def test_plugged_in_again_the_port_is_back(served: Served) -> None:
-    served.bench.unplugged = True
-    served.at(0.001)
-    served.bench.unplugged = False
-    served.at(0.003)
-    with opened(served) as master:
-        master.write(b"again")
-        served.at(0.005)
-    assert served.bench.heard == b"again"
 
 
 def test_a_stale_link_is_turned_over(tmp_path: Path) -> None:

@@ -25,24 +25,6 @@ def held(bench: Bench, **puts: int) -> None:
             bench.put(device, name, count)
 
 
-def test_the_devices_are_those_of_the_wiring() -> None:
-    bench = Bench(paper_rig(tendon_ids=(11, 12, 13, 14), drive_id=20, imu_id=30))
-    found = {device: int.from_bytes(reply.data[:2], "little") for device, reply in bench.bus.scan().items()}
-    assert found == {11: 1000, 12: 1000, 13: 1000, 14: 1000, 20: 1020, 30: 0x7400}
-
-
-def test_a_drive_mounted_the_other_way_round_counts_down() -> None:
-    bench = Bench(paper_rig(drive_sign=-1))
-    bench.plant.angles[4] = 100 * COUNT
-    assert bench.get(DRIVE, "present_position") == 1948
-
-
-def test_another_supply_reaches_plant_and_registers() -> None:
-    bench = Bench()
-    bench.rig.set_supply(11.1)
-    assert (bench.plant.supply, bench.get(1, "present_input_voltage")) == (11.1, 111)
-
-
 def test_after_a_brown_out_devices_come_back_without_torque() -> None:
     bench = Bench()
     held(bench)
@@ -80,27 +62,12 @@ def test_what_happens_does_not_depend_on_how_finely_time_is_advanced(step: float
     assert bench.plant.angles[0] / COUNT == pytest.approx(speed * 0.3, abs=speed * 4e-3)
 
 
-def test_a_bench_that_holds_with_limited_output_is_safe() -> None:
-    bench = Bench()
-    held(bench, goal_pwm=300)
-    bench.wait(0.1)
-    assert bench.rig.in_safe_state()
-
-
 def test_a_motor_under_way_is_neither_stopped_nor_safe() -> None:
     bench = Bench()
     held(bench, goal_pwm=300)
     bench.put(2, "goal_position", 30_000)
     bench.wait(0.1)
     assert (bench.rig.stopped(), bench.rig.in_safe_state()) == (False, False)
-
-
-def test_a_bench_whose_watchdogs_tripped_is_safe() -> None:
-    bench = Bench()
-    held(bench, bus_watchdog=5)
-    bench.put(2, "goal_position", 30_000)
-    bench.wait(0.5)
-    assert bench.rig.in_safe_state()
 
 
 def test_a_cycle_of_five_goals_and_six_answers_fits_into_five_milliseconds() -> None:
@@ -124,15 +91,6 @@ def test_a_cycle_of_five_goals_and_six_answers_fits_into_five_milliseconds() -> 
 def test_what_is_not_emulated_is_refused_by_name(wiring: dict[str, object], baud: int | None, word: str) -> None:
     with pytest.raises(SpecError, match=word):
         EmulatedRig(paper_rig(**wiring), StandIn(), baud=baud)
-
-
-def test_two_benches_of_one_seed_say_the_same() -> None:
-    said = []
-    for _ in range(2):
-        bench = Bench(seed=5)
-        bench.wait(0.5)
-        said.append(bench.bus.read(200, 32, 24))
-    assert said[0] == said[1]
 
 
 # What a guide asks of a person, the bench does: motors are plugged in by what their labels say, the lever is turned.

@@ -67,9 +67,6 @@ pytestmark = pytest.mark.slow
 def test_motors_at_the_twins_take_ups_hold_its_pose(beside: Beside) -> None:
     assert np.degrees(beside.tilt) == pytest.approx([-20.0, 0.0], abs=1e-3)
     assert beside.at_rest == pytest.approx(beside.pose.at.tension.tolist(), rel=1e-3)
-
-
-def test_the_pretension_of_a_bent_joint_is_the_mean_of_what_its_motors_took_up(beside: Beside) -> None:
     assert beside.plant.pretension == pytest.approx(6e-3, abs=1e-8)
 
 

@@ -4,7 +4,6 @@ import pytest
 from tests.unit.emulator_stand_in import Bench
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
-from sinew.emulator.motor import Motor as EmulatedMotor
 from sinew.hardware.believable import STATE, contradiction
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.codec import READ
@@ -12,7 +11,6 @@ from sinew.hardware.configuration import answer_everything
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.registers import (
     XH430_W350,
-    XM430_W350,
     lay_out,
 )
 from sinew.measure.errors import DeviceError, RegisterError
@@ -28,25 +26,10 @@ def motor(bench: Bench) -> Motor:
     return Motor(bench.bus, "tendon 2", 2, XH430_W350)
 
 
-@pytest.fixture
-def emulated(bench: Bench) -> EmulatedMotor:
-    return bench.rig.motors[2]
-
-
 def alone(slave: Slave) -> tuple[Motor, Line]:
     clock = ManualClock()
     line = Line(clock, slave)
     return Motor(Bus(line, clock, BusTiming(latency=2e-3), 0), "tendon 2", slave.id, XH430_W350), line
-
-
-def test_a_motor_says_its_model_and_firmware(motor: Motor) -> None:
-    identity = motor.identify()
-    assert (identity.id, identity.number, identity.firmware) == (2, 1000, 47)
-
-
-def test_another_model_than_the_wiring_says_is_refused_by_name(bench: Bench) -> None:
-    with pytest.raises(DeviceError, match=r"tendon 1 \(id 5\).* 1020 .*XM430-W350.* 1000 .*XH430-W350"):
-        Motor(bench.bus, "tendon 1", 5, XH430_W350).identify()
 
 
 def test_an_absent_motor_is_refused_with_its_name_and_id() -> None:
@@ -60,16 +43,6 @@ def test_an_absent_motor_is_asked_a_bounded_number_of_times() -> None:
     with pytest.raises(DeviceError):
         motor.get("present_position")
     assert len(line.sent) == 1 + RETRIES
-
-
-def test_a_damaged_answer_is_asked_for_again() -> None:
-    motor, line = alone(Slave(2))
-    line.spoil = lambda n, wire: [(0.0, wire if n >= RETRIES else wire[:-1] + b"\x00")]
-    assert motor.get_count("torque_enable") == 64  # its memory counts up from 0
-
-
-def test_a_quantity_is_read_in_si(bench: Bench, motor: Motor) -> None:
-    assert motor.get("return_delay_time") == pytest.approx(500e-6)
 
 
 def test_a_failed_read_names_motor_and_register() -> None:
@@ -92,38 +65,9 @@ def test_a_count_that_a_register_cannot_hold_is_not_sent(bench: Bench, motor: Mo
     assert bench.bus.statistics.transactions == before
 
 
-def test_several_registers_are_read_in_one_transaction(bench: Bench, motor: Motor) -> None:
-    before = bench.bus.statistics.transactions
-    counts = motor.get_counts(("return_delay_time", "shutdown", "position_p_gain"))
-    assert bench.bus.statistics.transactions - before == 1
-    assert counts == {"return_delay_time": 250, "shutdown": 52, "position_p_gain": 900}
-
-
 def test_registers_out_of_order_have_no_layout() -> None:
     with pytest.raises(RegisterError, match="by increasing address"):
         lay_out(XH430_W350, ("shutdown", "return_delay_time"))
-
-
-@pytest.mark.parametrize("table", [XH430_W350, XM430_W350], ids=lambda table: table.model)
-def test_a_layout_finds_each_register_where_the_table_has_it(table) -> None:  # type: ignore[no-untyped-def]
-    names = ("realtime_tick", "present_pwm", "present_current", "present_position", "present_temperature")
-    memory = bytes(range(256))
-    layout = lay_out(table, names)
-    found = layout.unpack.unpack(memory[layout.address : layout.address + layout.length])
-    rows = [table[name] for name in names]
-    assert found == tuple(int.from_bytes(memory[row.address : row.stop], "little", signed=row.signed) for row in rows)
-
-
-def test_a_register_that_is_wrong_is_written(bench: Bench, motor: Motor) -> None:
-    assert motor.ensure_count("return_delay_time", 0)
-    assert bench.get(2, "return_delay_time") == 0
-
-
-def test_torque_goes_on_and_off(motor: Motor, emulated: EmulatedMotor) -> None:
-    motor.torque_on()
-    on = emulated.torque
-    motor.torque_off()
-    assert (on, emulated.torque) == (True, False)
 
 
 class Deaf(Line):
@@ -158,13 +102,6 @@ def test_a_watchdog_longer_than_the_register_is_refused(motor: Motor) -> None:
         motor.arm_watchdog(3.0)
 
 
-def test_the_watchdog_stops_a_motor_that_hears_nothing(bench: Bench, motor: Motor) -> None:
-    motor.torque_on()
-    motor.arm_watchdog(0.04)
-    bench.wait(0.1)
-    assert motor.watchdog_tripped()
-
-
 def test_arming_clears_a_watchdog_that_has_tripped(bench: Bench, motor: Motor) -> None:
     motor.torque_on()
     motor.arm_watchdog(0.04)
@@ -183,10 +120,6 @@ def test_a_goal_refused_by_a_tripped_watchdog_says_so(bench: Bench, motor: Motor
 
 def test_hardware_errors_have_the_names_of_the_manual() -> None:
     assert name_hardware_errors(0b10_0101) == ("input voltage", "overheating", "overload")
-
-
-def test_a_bit_that_the_manual_does_not_have_is_still_told() -> None:
-    assert name_hardware_errors(0b1000_0000) == ("bit 7",)
 
 
 def test_a_motor_that_says_another_goal_than_before_though_nobody_wrote_contradicts_itself(motor: Motor) -> None:

@@ -180,12 +180,6 @@ def test_a_register_for_reading_only_cannot_be_written() -> None:
         encode_raw(XH430_W350["present_position"], 0)
 
 
-@pytest.mark.parametrize("size", [0, 2, 5])
-def test_bytes_of_another_size_are_refused(size: int) -> None:
-    with pytest.raises(RegisterError, match=f"came with {size} bytes; expected 4"):
-        decode(XH430_W350["present_position"], bytes(size))
-
-
 def test_a_register_that_is_not_there_is_refused_with_what_is_there() -> None:
     with pytest.raises(RegisterError, match=r"no register 'actual_position'; there is .*goal_position"):
         XH430_W350["actual_position"]

@@ -86,15 +86,6 @@ def test_motors_are_read_in_the_rigs_sense(sign: int) -> None:
     assert reading.drive.duty == pytest.approx(0.1, abs=0.00113)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_the_levers_angle_has_the_rigs_sign_in_a_cycle_and_asked_alone(sign: int) -> None:
-    stand = Stand(drive_sign=sign, drive_zero_counts=1000)
-    stand.plant.angles[4] = 0.3
-    lever = stand.rigged.read().drive
-    assert lever is not None
-    assert [lever.angle, stand.rigged.drive.angle()] == pytest.approx([0.3, 0.3], abs=COUNT)
-
-
 def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> None:
     climates = [reading.climate for reading in stand.readings(11)]  # every other cycle asks for the orders
     assert [climate.name for climate in climates if climate] == [
@@ -116,25 +107,6 @@ def test_a_missing_device_costs_only_itself(stand: Stand) -> None:
     assert reading.drive is not None
     assert reading.imu is not None
     assert [fault.id for fault in reading.faults] == [3]
-
-
-def test_an_alert_is_told_with_the_reading(stand: Stand) -> None:
-    stand.rig.motors[2].fail()
-    reading = stand.rigged.read()
-    assert [motor.alert for motor in reading.tendons if motor] == [False, True, False, False]
-
-
-def test_the_time_of_a_reading_is_when_the_drives_registers_were_read(stand: Stand) -> None:
-    stand.ready()
-    stand.wait(0.1)
-    read_at: list[float] = []
-    drive = stand.rig.motors[5]
-    refresh = drive.refresh
-    drive.refresh = lambda address, length, now: (read_at.append(now), refresh(address, length, now))  # type: ignore[method-assign]
-    stand.rigged.write_goals(0.0, [motor.angle() for motor in stand.rigged.tendons])
-    read_at.clear()
-    reading = stand.rigged.read()
-    assert reading.time == pytest.approx(read_at[0], abs=20e-6)
 
 
 def test_the_time_of_a_sample_is_when_the_node_took_it_also_where_the_drive_is_silent(stand: Stand) -> None:
@@ -251,14 +223,6 @@ def test_an_adapter_that_returns_what_is_sent_costs_no_reading(stand: Stand) -> 
     assert stand.bus.statistics.echoes == 50
 
 
-def test_with_an_echo_goals_are_told_and_motors_set_up_all_the_same(stand: Stand) -> None:
-    stand.rig.line.echoes = True
-    rig = stand.ready("position-with-current-limit")
-    rig.write_goals(0.2, [motor.angle() for motor in rig.tendons])
-    stand.wait(1.0)
-    assert stand.plant.angles[4] == pytest.approx(0.2, abs=COUNT)
-
-
 def test_a_motor_that_has_started_anew_gives_no_reading_until_it_is_forgotten(stand: Stand) -> None:
     for _ in stand.readings(20):
         pass
@@ -311,26 +275,6 @@ def test_a_mode_that_fails_half_way_leaves_no_meaning_to_goals(stand: Stand) -> 
         rig.write_goals(0.0, [0.0] * 4)
 
 
-def test_motors_are_set_up_as_the_rig_asks(stand: Stand) -> None:
-    for device in (1, 5):
-        stand.put(device, "return_delay_time", 250)
-        stand.put(device, "drive_mode", 1)
-        stand.put(device, "shutdown", 1)
-    stand.rigged.configure()
-    wanted = {
-        "return_delay_time": 0,
-        "drive_mode": 0,
-        "temperature_limit": 70,
-        "max_voltage_limit": 148,
-        "min_voltage_limit": 100,
-        "shutdown": 53,
-    }
-    assert {name: stand.get(1, name) for name in wanted} == wanted
-    assert stand.get(1, "current_limit") == 483  # 1.3 A in 2.69 mA
-    assert stand.get(5, "current_limit") == 1189  # 3.2 A
-    assert (stand.get(5, "operating_mode"), stand.get(5, "min_position_limit")) == (3, 1024)
-
-
 def test_setting_up_again_writes_nothing_that_wears_the_memory_out(stand: Stand) -> None:
     stand.rigged.configure()
     written: list[int] = []
@@ -346,13 +290,6 @@ def test_setting_up_again_writes_nothing_that_wears_the_memory_out(stand: Stand)
     assert min(written) >= XH430_W350.eeprom_stop
 
 
-@pytest.mark.parametrize("level", [0, 1])
-def test_a_motor_that_answers_only_some_instructions_is_made_to_answer_all(stand: Stand, level: int) -> None:
-    stand.rig.motors[3].registers["status_return_level"] = level
-    stand.rigged.configure()
-    assert stand.get(3, "status_return_level") == 2
-
-
 def test_nothing_is_set_up_while_a_torque_is_on(stand: Stand) -> None:
     stand.rigged.drive.torque_on()
     with pytest.raises(DeviceError, match=r"drive \(id 5\) has its torque on, expected off to be set up"):
@@ -363,18 +300,6 @@ def test_nothing_is_set_up_while_a_torque_is_on(stand: Stand) -> None:
 def test_a_sensor_without_a_register_table_is_refused_with_those_there_are(stand: Stand) -> None:
     with pytest.raises(RegisterError, match=r"wiring\.imu_model: .* 'MX-28'; .*OpenCR node"):
         Rig(stand.bus, stand.port, paper_rig(imu_model="MX-28"))
-
-
-@pytest.mark.parametrize("mode", ["position", "current"])
-def test_the_bytes_of_a_cycle_are_those_on_the_wire(stand: Stand, mode: str) -> None:
-    rig = stand.ready(mode)
-    goals = [motor.angle() for motor in rig.tendons] if mode == "position" else [0.1] * 4
-    before = stand.bus.statistics
-    rig.write_goals(0.0, goals)
-    rig.read()
-    after = stand.bus.statistics
-    moved = after.sent_bytes + after.received_bytes - before.sent_bytes - before.received_bytes
-    assert rig.cycle_bytes == pytest.approx(moved, abs=6)  # stuffing
 
 
 @pytest.mark.parametrize(("mode", "instruction"), [("position", SYNC_WRITE), ("current", BULK_WRITE)])

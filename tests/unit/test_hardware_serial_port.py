@@ -44,20 +44,6 @@ def test_bytes_go_out_as_they_are(ends: tuple[int, str]) -> None:
     port.close()
 
 
-def test_bytes_come_in_as_they_are(ends: tuple[int, str]) -> None:
-    far, path = ends
-    port = SerialPort(path, 1_000_000, CLOCK)
-    os.write(far, bytes(range(256)))
-    assert port.read(CLOCK.now() + LONG_S) == bytes(range(256))
-    port.close()
-
-
-def test_a_deadline_that_has_passed_returns_at_once_with_nothing(ends: tuple[int, str]) -> None:
-    port = SerialPort(ends[1], 1_000_000, CLOCK)
-    assert port.read(CLOCK.now() - 1) == b""
-    port.close()
-
-
 def test_a_port_in_use_is_refused(ends: tuple[int, str]) -> None:
     first = SerialPort(ends[1], 1_000_000, CLOCK)
     with pytest.raises(PortError, match=r"cannot open .*no other program on it"):
@@ -121,19 +107,6 @@ def test_a_port_that_is_lost_in_a_cycle_says_why_and_what_to_do(
     if call == "read":  # what pyserial makes of a failed write has no number
         assert GONE[number] in str(caught.value)
     assert "then start again" in str(caught.value)
-
-
-def test_a_byte_that_somebody_else_took_is_no_loss(ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def nothing_now(*_: object) -> bytes:
-        raise BlockingIOError(errno.EAGAIN, "try again")
-
-    far, path = ends
-    port = SerialPort(path, 1_000_000, CLOCK)
-    os.write(far, b"1")
-    monkeypatch.setattr(os, "read", nothing_now)
-    assert port.read(CLOCK.now() + LONG_S) == b""
-    monkeypatch.undo()
-    port.close()
 
 
 def refused(path: str, monkeypatch: pytest.MonkeyPatch, trouble: BaseException) -> str:

@@ -12,8 +12,6 @@ from sinew.plan.plan import TendonMode
 from sinew.plan.servo import SERVOS
 
 COUNT = math.tau / 4096
-AMPERE = 2.69e-3
-
 both_ways = pytest.mark.parametrize("pull", [1, -1])
 
 
@@ -45,23 +43,6 @@ def powered(mode: TendonMode, pull: int) -> tuple[Bench, TendonServo]:
 
 
 @both_ways
-def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
-    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)), tendon_counts=1000)
-    bench.plant.angles[0] = 0.5  # pulling, whichever way the motor is mounted
-    bench.wait(0.01)
-    servo = tendon(bench, pull)
-    assert servo.angle() == pytest.approx(pull * 1000 * COUNT + 0.5, abs=COUNT)
-
-
-@both_ways
-def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
-    bench, servo = powered("current", pull)
-    bench.plant.current[0] = 0.3
-    bench.wait(0.01)
-    assert servo.current() == pytest.approx(0.3, abs=AMPERE)
-
-
-@both_ways
 def test_a_tendon_goes_to_its_goal_over_more_than_a_turn(pull: int) -> None:
     bench, servo = powered("position", pull)
     goal = servo.angle() + 9.0
@@ -76,58 +57,30 @@ def test_the_modes_of_a_plan_are_these_operating_modes(bench: Bench, mode, regis
     assert bench.get(1, "operating_mode") == register
 
 
-def test_in_position_mode_the_output_is_limited_by_the_duty_of_that_stall_current(bench: Bench) -> None:
-    servo = tendon(bench)
-    put_into(servo, "position")
-    servo.torque_on()
-    servo.limit_output(0.65)  # half of 1.3 A
-    assert bench.get(1, "goal_pwm") == int(0.5 / 0.00113)
-
-
-def test_a_higher_supply_needs_less_duty_for_the_same_current(bench: Bench) -> None:
-    servo = tendon(bench, supply=14.4)
-    put_into(servo, "position")
-    servo.limit_output(0.65)
-    assert bench.get(1, "goal_pwm") == int(0.5 / 1.2 / 0.00113)
-
-
-@pytest.mark.parametrize("mode", ["position-with-current-limit", "current"])
-def test_in_the_other_modes_the_output_is_limited_by_the_goal_current(bench: Bench, mode) -> None:  # type: ignore[no-untyped-def]
-    servo = tendon(bench)
-    put_into(servo, mode)
-    servo.torque_on()
-    servo.set_count("goal_current", 300)
-    servo.limit_output(0.269)
-    assert bench.get(1, "goal_current") == 100
-
-
-def test_a_limit_in_current_mode_never_raises_the_goal(bench: Bench) -> None:
-    servo = tendon(bench)
-    put_into(servo, "current")
-    servo.torque_on()
-    servo.set_goal_current(0.1)
-    servo.limit_output(1.0)
-    assert bench.get(1, "goal_current") == 37
-
-
-def test_a_limit_in_current_mode_keeps_the_goals_sense(bench: Bench) -> None:
-    servo = tendon(bench, -1)
-    put_into(servo, "current")
-    servo.torque_on()
-    servo.set_goal_current(0.5)
-    servo.limit_output(0.269)
-    assert bench.get(1, "goal_current") == -100
-
-
 @pytest.mark.parametrize(
-    ("mode", "register", "most"), [("position", "goal_pwm", 885), ("position-with-current-limit", "goal_current", 648)]
+    ("mode", "pull", "before", "limit", "register", "count"),
+    [
+        ("position", 1, None, 0.65, "goal_pwm", int(0.5 / 0.00113)),  # the duty of that stall current: half of 1.3 A
+        ("position-with-current-limit", 1, None, 0.269, "goal_current", 100),
+        ("current", 1, 0.8, 0.269, "goal_current", 100),
+        ("current", 1, 0.1, 1.0, "goal_current", 37),  # it never raises the goal
+        ("current", -1, 0.5, 0.269, "goal_current", -100),  # it keeps the goal's sense
+        ("position", 1, None, math.inf, "goal_pwm", 885),  # the motor's own
+        ("position-with-current-limit", 1, None, math.inf, "goal_current", 648),
+    ],
 )
-def test_an_infinite_limit_is_the_motors_own(bench: Bench, mode, register: str, most: int) -> None:  # type: ignore[no-untyped-def]
-    servo = tendon(bench)
+def test_the_output_is_limited_by_what_the_mode_goes_by(
+    bench: Bench, mode: TendonMode, pull: int, before: float | None, limit: float, register: str, count: int
+) -> None:
+    servo = tendon(bench, pull)
     put_into(servo, mode)
-    servo.limit_output(0.1)
-    servo.limit_output(math.inf)
-    assert bench.get(1, register) == most
+    servo.torque_on()
+    if before is not None:
+        servo.set_goal_current(before)
+    elif limit == math.inf:
+        servo.limit_output(0.1)
+    servo.limit_output(limit)
+    assert bench.get(1, register) == count
 
 
 @pytest.mark.parametrize("current", [-0.1, math.nan])
@@ -157,16 +110,6 @@ def test_the_drives_angle_counts_from_its_zero(pull: int) -> None:
     assert drive(bench, pull, zero=1500).angle() == pytest.approx(0.25, abs=COUNT)
 
 
-@both_ways
-def test_the_drive_goes_to_its_goal(pull: int) -> None:
-    bench = Bench(paper_rig(drive_sign=pull, drive_zero_counts=1500))
-    servo = drive(bench, pull, zero=1500)
-    servo.torque_on()
-    servo.set_goal_angle(0.5)
-    bench.wait(2.0)
-    assert bench.plant.angles[4] == pytest.approx(0.5, abs=COUNT)
-
-
 def test_the_drive_is_told_nothing_beyond_its_window(bench: Bench) -> None:
     with pytest.raises(RegisterError, match=r"drive .*1\.6 rad.* goal_position.* -1\.57"):
         drive(bench, window=math.pi / 2).set_goal_angle(1.6)
@@ -175,13 +118,6 @@ def test_the_drive_is_told_nothing_beyond_its_window(bench: Bench) -> None:
 def test_a_window_beyond_one_turn_ends_where_position_mode_ends(bench: Bench) -> None:
     servo = drive(bench, zero=4000, window=math.pi / 2)
     assert (servo.lowest_count, servo.highest_count) == (2976, 4095)
-
-
-def test_the_drives_output_is_limited_by_its_duty(bench: Bench) -> None:
-    servo = drive(bench)
-    servo.torque_on()
-    servo.limit_output(0.2)
-    assert bench.get(5, "goal_pwm") == int(0.2 / 0.00113)
 
 
 def test_every_servo_that_a_rig_may_name_has_its_registers() -> None:

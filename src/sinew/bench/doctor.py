@@ -482,7 +482,7 @@ def judge_chip(told: NodeTold | None, imu: Imu) -> Finding:
     expected = f"{1e3 * assumed:.2f} ± {1e3 * std:.2g} ms, as the rig has it"
     found = f"{CHIPS.get(told.chip, 'an unknown chip')} (0x{told.chip:02X}), late by {1e3 * told.filter_delay:.2f} ms"
     if told.chip not in CHIPS:
-        advice = "measure its delay with `sinew doctor --guide FILE --step constants`, by lever steps"
+        advice = "measure its delay with `sinew doctor --guide FILE --step lever`, by lever steps"
         return Finding("warning", "IMU", found, " or ".join(CHIPS.values()), advice)
     if abs(told.filter_delay - assumed) <= std:
         return Finding("ok", "IMU", found)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from sinew.bench.doctor import (
 )
 from sinew.bench.guide_moves import (
     STEP,
-    Answer,
     Pull,
     UnconfirmedError,
     answer_to,
@@ -55,12 +54,32 @@ from sinew.plan.servo import COUNTS_PER_TURN, PULSE, SERVOS
 # ---- who is on the bus: looked for at every baud, told apart by model, and given an id and a baud of its own
 
 
+READS = {
+    "baud": "{} baud",
+    "imu_id": "id {}",
+    "imu_model": "{}",
+    "imu_axes": "the chip's axes along x, y and z are {0[0]}, {0[1]} and {0[2]}",
+    "drive_id": "motor {} is the drive",
+    "drive_sign": "more counts turn the lever by the sign {:+d}",
+    "drive_zero_counts": "its middle is at {} counts",
+    "tendon_ids": "motor {} pulls it",
+    "tendon_pull": "its motor pulls by counts of the sign {:+d}",
+}
+"""How the keys of the wiring that are looked at read, where they are named."""
+
 OpenRig = Callable[[RigSpec], AbstractContextManager[tuple[Rig, Clock]]]
 """Opens the port at a rig's baud, and gives it back."""
 
 NEW_BAUD = 57_600
 """Of a motor from the factory."""
 
+_STARTS_S = 0.6  # until a motor that was plugged in listens
+_WINDOW = ("min_position_limit", "max_position_limit")  # about a middle that is not known yet
+_CHIP = ("+x", "+y", "+z")
+_RESTS, _RESTS_MOST_S = math.radians(1.0), 12.0  # rad/s of a head that rests; how long it is waited for
+_FOLLOWS, _MISFIT, _SHARES = 0.6, 0.5, (0.1, 0.95)  # of the lever's way, and of how the head answers it
+_SKEWED = 20.0  # degrees
+_ROUNDS, _VOLT_STD = 3, 0.03  # the voltage comes in steps of 0.1 V
 _TWINS = 4  # questions about the present, of which two devices with one id spoil the half
 
 
@@ -74,47 +93,37 @@ class Seen:
     number: int
     is_double: bool = False
 
-    @property
-    def is_motor(self) -> bool:
-        """Whether it is a motor that Sinew knows; of two with one id it is not known."""
-        return self.number in MOTORS
-
     def __str__(self) -> str:
         twice = ", twice" if self.is_double else ""
         return f"id {self.id} at {self.baud} baud ({model_name(self.number)}{twice})"
 
 
-def at_baud(spec: RigSpec, baud: int) -> RigSpec:
-    """Return a rig whose bus has another baud."""
-    return spec.model_copy(update={"wiring": spec.wiring.model_copy(update={"baud": baud})})
+def rewired(spec: RigSpec, **wiring: object) -> RigSpec:
+    """Return a rig with other keys of its wiring, as they are not yet known to be."""
+    return spec.model_copy(update={"wiring": spec.wiring.model_copy(update=wiring)})
 
 
 def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> list[Seen]:
     """Return who answers, at bauds in this order; by default at all, the rig's and a new motor's first.
 
-    A port need not know every baud. Raises PortError where it knows none.
+    What has just been plugged in is waited for. A port need not know every baud. Raises PortError where it knows none.
     """
     first = (spec.wiring.baud, NEW_BAUD)
     asked = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
     found: list[Seen] = []
     refused: list[PortError] = []
-    for baud in asked:
+    for number, baud in enumerate(asked):
         try:
-            with open_rig(at_baud(spec, baud)) as (rig, _):
-                found += _scanned(rig.bus, baud)
+            with open_rig(rewired(spec, baud=baud)) as (rig, clock):
+                clock.wait_until(clock.now() + (_STARTS_S if number == 0 else 0.0))
+                for device, reply in sorted(rig.bus.scan().items()):
+                    model = int.from_bytes(reply.data[:2], "little") if reply.ok else 0
+                    found.append(Seen(device, baud, model, _is_double(rig.bus, device, model)))
         except PortError as trouble:
             refused.append(trouble)
     if len(refused) == len(asked):
         raise refused[0]
     return found
-
-
-def _scanned(bus: Bus, baud: int) -> list[Seen]:
-    seen = []
-    for device, reply in sorted(bus.scan().items()):
-        number = int.from_bytes(reply.data[:2], "little") if reply.ok else 0
-        seen.append(Seen(device, baud, number, _is_double(bus, device, number)))
-    return seen
 
 
 def _is_double(bus: Bus, device: int, number: int) -> bool:
@@ -128,19 +137,15 @@ def _is_double(bus: Bus, device: int, number: int) -> bool:
 
 def refuse_incomplete(seen: Sequence[Seen], spec: RigSpec) -> str:
     """Return why these are not the rig's motors, each with an id of its own; an empty text where they are."""
-    doubles = [str(device) for device in seen if device.is_double]
-    if doubles:
+    if doubles := [str(device) for device in seen if device.is_double]:
         return f"two motors share {'; '.join(doubles)}"
-    motors = [device for device in seen if device.is_motor]
-    shared = [number for number, times in Counter(device.id for device in motors).items() if times > 1]
-    if shared:
+    motors = [device for device in seen if device.number in MOTORS]
+    if shared := [number for number, times in Counter(device.id for device in motors).items() if times > 1]:
         return f"id {shared[0]} answers at several bauds, so from several motors"
     tendon, drive = wanted_models(spec)
-    wanted = Counter({tendon: len(spec.wiring.tendon_ids)}) + Counter({drive: 1})
-    if Counter(device.number for device in motors) == wanted:
-        return "" if tendon != drive else "tendon motors and drive are of one model, which does not tell them apart"
-    texts = ", ".join(map(str, motors)) or "no motor"
-    return f"found {texts}"
+    if sorted(device.number for device in motors) != sorted([tendon] * len(spec.wiring.tendon_ids) + [drive]):
+        return f"found {', '.join(map(str, motors)) or 'no motor'}"
+    return "" if tendon != drive else "tendon motors and drive are of one model, which does not tell them apart"
 
 
 def wanted_models(spec: RigSpec) -> tuple[int, int]:
@@ -148,10 +153,13 @@ def wanted_models(spec: RigSpec) -> tuple[int, int]:
     return SERVOS[spec.wiring.tendon_model].number, SERVOS[spec.wiring.drive_model].number
 
 
-def find_sensor(seen: Sequence[Seen], spec: RigSpec) -> Seen | None:
-    """Return the sensor on the head among who answered: the one with the rig's id, else any; None without one."""
-    nodes = [device for device in seen if device.number in IMUS]
-    return next((node for node in nodes if node.id == spec.wiring.imu_id), nodes[0] if nodes else None)
+def find_sensor(seen: Sequence[Seen], spec: RigSpec) -> Seen:
+    """Return the sensor on the head among who answered: the one with the rig's id, else any."""
+    nodes = sorted((device for device in seen if device.number in IMUS), key=lambda node: node.id != spec.wiring.imu_id)
+    found = "; ".join(map(str, seen)) or "nobody answers at any baud"
+    advice = "check supply, cable and plug; flash the node's firmware, and leave its board on the bus"
+    require(bool(nodes), "bus", found, "the IMU's node", advice)
+    return nodes[0]
 
 
 def give_id(open_rig: OpenRig, spec: RigSpec, found: Seen, name: str, number: int, baud: int) -> None:
@@ -160,34 +168,40 @@ def give_id(open_rig: OpenRig, spec: RigSpec, found: Seen, name: str, number: in
     name: what to call it. Repeating it does no harm: what was written before stays. Raises DeviceError where the motor
     has torque, or does not take it.
     """
-    writes = [("id", number, number, found.baud), ("baud_rate", BAUD_RATES.index(baud), number, baud)]
     here = found.id, found.baud
-    for register, count, *there in writes:
-        if tuple(there) != here:
-            with open_rig(at_baud(spec, found.baud)) as (rig, _):
+    for register, count, there in (
+        ("id", number, (number, found.baud)),
+        ("baud_rate", BAUD_RATES.index(baud), (number, baud)),
+    ):
+        if there != here:
+            with open_rig(rewired(spec, baud=found.baud)) as (rig, _):
                 motor = Motor(rig.bus, name, here[0], MOTORS[found.number])
                 answer_everything(motor)
                 motor.require_torque_off(f"to get another {register}")
                 # once, and without its answer: that may come from the old id, or at a baud that is no longer heard
                 row = motor.table[register]
                 rig.bus.write(motor.id, row.address, encode_raw(row, count), retries=0)
-            here = there[0], there[1]
-        with open_rig(at_baud(spec, here[1])) as (rig, _):
-            _expect(rig.bus, name, number, found, here[1])
-
-
-def _expect(bus: Bus, name: str, number: int, found: Seen, baud: int) -> None:
-    for _ in range(1 + RETRIES):
-        reply = bus.ping(number)
-        if reply.ok and int.from_bytes(reply.data[:2], "little") == found.number:
-            return
-    raise DeviceError(
-        f"{name}, found as {found}, does not answer as id {number} at {baud} baud after that was written ({reply}); "
-        "switch the supply off and on, and repeat this step"
-    )
+        here = there
+        with open_rig(rewired(spec, baud=here[1])) as (rig, _):
+            replies = (rig.bus.ping(number) for _ in range(1 + RETRIES))
+            if not any(reply.ok and int.from_bytes(reply.data[:2], "little") == found.number for reply in replies):
+                raise DeviceError(
+                    f"{name}, found as {found}, does not answer as id {number} at {here[1]} baud after that was "
+                    "written; switch the supply off and on, and repeat this step"
+                )
 
 
 # ---- the steps
+
+
+class FaultyError(Exception):
+    """A check of a step failed; its finding says what is wrong, and what to do."""
+
+
+def require(holds: bool, subject: str, found: str, expected: str, advice: str) -> None:
+    """Raise FaultyError where something does not hold, with what was found, what was expected and what to do."""
+    if not holds:
+        raise FaultyError(Finding("fault", subject, found, expected, advice))
 
 
 class Person(Protocol):
@@ -195,23 +209,18 @@ class Person(Protocol):
 
     def begin(self, step: "Step") -> None:
         """Say what comes."""
-        ...
 
     def tell(self, finding: Finding) -> None:
         """Say what was found."""
-        ...
 
     def do(self, words: str, act: int) -> None:
         """Ask for something to be done, and return when it is. act: its number for an emulated bench, which does it."""
-        ...
 
     def agrees(self, question: str) -> bool:
         """Return whether it may be done."""
-        ...
 
     def repeats(self, what: str, failed: bool) -> bool:
         """Return whether what has just ended, well or not, is to be done again; raise StoppedError to end it all."""
-        ...
 
 
 @dataclass(slots=True)
@@ -221,8 +230,8 @@ class Guide:
     open_rig: gives the bench. person: who is asked. spec: the rig, as far as it is known. save: keeps it after every
     step. check: raises where the guide is to end, before every cycle of a move. timer: of the port's adapter.
     notes: what was not as the rig had it, and is put right. is_labelled: whether a motor's id says of which tendon
-    people hold it to be. is_turned: whether the board is not mounted as the rig had it. unconfirmed: how a bench was
-    left whose motors did not confirm that they have no torque; empty where they did.
+    people hold it to be. unconfirmed: how a bench was left whose motors did not confirm that they have no torque; empty
+    where they did.
     """
 
     open_rig: OpenRig
@@ -233,20 +242,28 @@ class Guide:
     timer: LatencyTimer | None = None
     notes: list[Finding] = field(default_factory=list)
     is_labelled: bool = True
-    is_turned: bool = False
     unconfirmed: str = ""
 
-    def know(self, *keys: str, **wiring: object) -> None:
-        """Put keys into the wiring, and those named, too, among the measured."""
-        old = self.spec.wiring
-        there = {*old.measured, *wiring, *keys}
-        told = tuple(name for name in Wiring.model_fields if name in there)
-        new = Wiring.model_validate(old.model_dump() | wiring | {"measured": told})
-        self.spec = self.spec.model_copy(update={"wiring": new})
+    def learn(self, subject: str, **wiring: object) -> list[Finding]:
+        """Put keys into the wiring as measured, and return a note on each that is not as the rig had it.
 
-    def suppose(self, **wiring: object) -> RigSpec:
-        """Return the rig with keys of its wiring as they are not yet known to be."""
-        return self.spec.model_copy(update={"wiring": self.spec.wiring.model_copy(update=wiring)})
+        subject: of the notes, but of keys by tendon: those are about the tendon.
+        """
+        old, notes = self.spec.wiring, list[Finding]()
+        for key, new in wiring.items():
+            pairs = [(subject, new, getattr(old, key))]
+            if key in ("tendon_ids", "tendon_pull"):
+                each = zip(cast(tuple[int, ...], new), getattr(old, key), strict=True)
+                pairs = [(f"tendon {number}", *pair) for number, pair in enumerate(each, start=1)]
+            for about, found, before in pairs:
+                if found != before:
+                    expected = ", ".join(before) if isinstance(before, tuple) else str(before)
+                    notes.append(Finding("note", about, READS[key].format(found), expected, f"{key} is right now"))
+        there = {*old.measured, *wiring}
+        measured = tuple(name for name in Wiring.model_fields if name in there)
+        new = Wiring.model_validate(old.model_dump() | wiring | {"measured": measured})
+        self.spec = self.spec.model_copy(update={"wiring": new})
+        return notes
 
     def measure(self, dotted: str, value: float, std: float, note: str) -> Finding:
         """Put a measured number into the rig, if it is thinkable, and say so."""
@@ -283,7 +300,6 @@ def lead(guide: Guide, steps: Sequence[Step]) -> bool:
     What a device does not do is a fault of its step, which the person may repeat. Raises StoppedError where the person
     ends it; no motor has torque then.
     """
-    well = True
     for step in steps:
         while True:
             guide.check()
@@ -297,16 +313,17 @@ def lead(guide: Guide, steps: Sequence[Step]) -> bool:
                 guide.save(guide.spec)
             if not guide.person.repeats(step.name, failed):
                 break
-        well = well and not failed
         if failed:
-            break
-    return well
+            return False
+    return True
 
 
 def _attempted(guide: Guide, step: Step) -> list[Finding]:
     before = guide.spec
     try:
         return step.run(guide)
+    except FaultyError as fault:
+        return list(fault.args)
     except (*TROUBLES, PortError, StartError, LimitError, LostError) as trouble:
         guide.spec = before
         if isinstance(trouble, UnconfirmedError):
@@ -316,108 +333,71 @@ def _attempted(guide: Guide, step: Step) -> list[Finding]:
 
 # Who is there, with which id, at which baud.
 
-_STARTS_S = 0.6
-
 
 def _find_devices(guide: Guide) -> list[Finding]:
     spec = guide.spec
     seen = look_around(guide.open_rig, spec)
     sensor = find_sensor(seen, spec)
-    if sensor is None:
-        found = "; ".join(map(str, seen)) or "nobody answers at any baud"
-        advice = "check supply, cable and plug; flash the node's firmware, and leave its board on the bus"
-        return [Finding("fault", "bus", found, "the IMU's node", advice)]
-    findings = []
-    baud = spec.wiring.baud
-    if sensor.baud != baud:
-        findings.append(Finding("note", "IMU", f"{sensor.baud} baud", f"{baud} baud", "the whole bus goes there"))
-    guide.know(baud=sensor.baud, imu_id=sensor.id, imu_model=IMUS[sensor.number].model)
+    findings = guide.learn("IMU", baud=sensor.baud, imu_id=sensor.id, imu_model=IMUS[sensor.number].model)
     findings.append(Finding("ok", "IMU", str(sensor)))
     if why := refuse_incomplete(seen, guide.spec):
         findings.append(Finding("note", "bus", why, "each motor with an id of its own", "they go one by one"))
         for finding in findings:
             guide.person.tell(finding)
         return _one_by_one(guide)
-    return findings + _take_as_they_are(guide, seen)
-
-
-def _take_as_they_are(guide: Guide, seen: Sequence[Seen]) -> list[Finding]:
-    """Keep the ids of motors that are told apart by them, and bring all to one baud."""
-    wiring = guide.spec.wiring
-    tendon, drive = wanted_models(guide.spec)
-    motors = {device.id: device for device in seen if device.is_motor}
-    ids = tuple(sorted(number for number, device in motors.items() if device.number == tendon))
+    # They are told apart by their ids, which are kept; all come to one baud.
+    wiring, (_, drive) = guide.spec.wiring, wanted_models(guide.spec)
+    motors = {device.id: device for device in seen if device.number in MOTORS}
     swings = next(number for number, device in motors.items() if device.number == drive)
-    findings = []
-    if set(ids) == set(wiring.tendon_ids) and swings == wiring.drive_id:
-        ids = wiring.tendon_ids
-    else:
-        told = f"tendon motors {', '.join(map(str, ids))}, drive {swings}"
-        expected = f"{', '.join(map(str, wiring.tendon_ids))} and {wiring.drive_id}"
-        findings.append(Finding("note", "bus", told, expected, "the rig takes them as they are"))
-        guide.is_labelled = False
+    ids = tuple(sorted(motors.keys() - {swings}))
+    guide.is_labelled = (set(ids), swings) == (set(wiring.tendon_ids), wiring.drive_id)
+    findings += guide.learn("bus", tendon_ids=wiring.tendon_ids if guide.is_labelled else ids, drive_id=swings)
     for device in motors.values():
         if device.baud != wiring.baud:
             give_id(guide.open_rig, guide.spec, device, f"motor {device.id}", device.id, wiring.baud)
             what = f"{device.baud} baud"
             findings.append(Finding("note", f"motor {device.id}", what, f"{wiring.baud} baud", "set"))
-    guide.know(tendon_ids=ids, drive_id=swings)
-    findings += [Finding("ok", f"motor {number}", model_name(motors[number].number)) for number in (*ids, swings)]
-    return findings
+    return findings + [Finding("ok", f"motor {one}", model_name(motors[one].number)) for one in (*ids, swings)]
 
 
 def _one_by_one(guide: Guide) -> list[Finding]:
     """Have each motor plugged in alone, and give it the id that the rig has for it."""
     wiring, person = guide.spec.wiring, guide.person
     tendon, drive = wanted_models(guide.spec)
-    labels = [f"tendon {i}" for i in range(1, len(wiring.tendon_ids) + 1)]
-    wanted = [*zip(labels, wiring.tendon_ids, strict=True), ("drive", wiring.drive_id)]
-    for label, number in wanted:
-        what = f"the motor of {label}" if label != "drive" else "the lever's motor (the drive)"
-        act = PLUG_DRIVE if label == "drive" else wanted.index((label, number)) + 1
+    wanted = [(f"tendon {n}", f"the motor of tendon {n}", i, tendon, n) for n, i in enumerate(wiring.tendon_ids, 1)]
+    wanted.append(("drive", "the lever's motor (the drive)", wiring.drive_id, drive, PLUG_DRIVE))
+    for label, what, number, model, act in wanted:
         person.do(f"plug in {what}, alone of all motors; the board stays", act)
-        person.tell(_name_one(guide, label, number, drive if label == "drive" else tendon))
+        person.tell(_name_one(guide, label, number, model))
     person.do("plug in all motors", PLUG_ALL)
-    _await_start(guide)
     there = look_around(guide.open_rig, guide.spec, (wiring.baud,))
-    if why := refuse_incomplete(there, guide.spec):
-        return [Finding("fault", "bus", why, "all motors", "check that all are plugged in, and repeat this step")]
-    guide.know("tendon_ids", "drive_id")
+    why = refuse_incomplete(there, guide.spec)
+    require(not why, "bus", why, "all motors", "check that all are plugged in, and repeat this step")
+    guide.learn("bus", tendon_ids=wiring.tendon_ids, drive_id=wiring.drive_id)
     guide.is_labelled = True
     return []
 
 
 def _name_one(guide: Guide, label: str, number: int, model: int) -> Finding:
     """Give the one motor that is plugged in its id and baud. Raises DeviceError where there is another, or more."""
-    _await_start(guide)
     baud = guide.spec.wiring.baud
     seen: list[Seen] = []
     for bauds in ((baud, NEW_BAUD), ()):  # where it is expected, and everywhere else after that
-        seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.is_motor]
+        seen = seen or [device for device in look_around(guide.open_rig, guide.spec, bauds) if device.number in MOTORS]
+    texts = f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected"
     if len(seen) != 1 or seen[0].is_double:
         raise DeviceError(
-            f"found {', '.join(map(str, seen)) or 'no motor at any baud'}, expected one motor, that of {label}; "
-            "check plug and supply, and that no other motor is on the bus"
+            f"{texts} one motor, that of {label}; check plug and supply, and that no other motor is on the bus"
         )
     found = seen[0]
     if found.number != model:
-        raise DeviceError(
-            f"found {found}, expected a {model_name(model)} as {label}; plug in the right one, or correct the models "
-            "in the rig's [wiring]"
-        )
+        advice = "plug in the right one, or correct the models in the rig's [wiring]"
+        raise DeviceError(f"{texts} a {model_name(model)} as {label}; {advice}")
     give_id(guide.open_rig, guide.spec, found, label, number, baud)
     return Finding("ok", label, f"{found} is id {number} at {baud} baud now")
 
 
-def _await_start(guide: Guide) -> None:
-    """Wait until what was plugged in listens."""
-    with guide.open_rig(guide.spec) as (_, clock):
-        clock.wait_until(clock.now() + _STARTS_S)
-
-
 # What the motors must hold, and what the board says at rest.
-
-_WINDOW = ("min_position_limit", "max_position_limit")  # about a middle that is not known yet
 
 
 def _set_up(guide: Guide) -> list[Finding]:
@@ -441,11 +421,8 @@ def _set_up(guide: Guide) -> list[Finding]:
     return [*left, Finding("ok", "motors", f"{len(fixes)} settings written: {told}")]
 
 
-_CHIP = ("+x", "+y", "+z")
-
-
 def _find_up(guide: Guide) -> list[Finding]:
-    with guide.open_rig(guide.suppose(imu_axes=_CHIP)) as (rig, clock):
+    with guide.open_rig(rewired(guide.spec, imu_axes=_CHIP)) as (rig, clock):
         _await_rest(rig, clock)
         samples, _ = listen_to_imu(rig, clock, 0.5)
     if len(samples) < 3:
@@ -457,13 +434,9 @@ def _find_up(guide: Guide) -> list[Finding]:
     if guide.spec.wiring.imu_axes[0] != up:
         old = guide.spec.wiring.imu_axes
         findings.append(Finding("note", "IMU", f"the chip's {up} points up", old[0], "the tendons will tell the rest"))
-        guide.spec, guide.is_turned = guide.suppose(imu_axes=frame_from(up)), True
+        guide.spec = rewired(guide.spec, imu_axes=frame_from(up))
     with guide.open_rig(guide.spec) as (rig, clock):
         return findings + examine_imu(rig, clock, 1.0)
-
-
-_RESTS = math.radians(1.0)
-_RESTS_MOST_S = 12.0
 
 
 def _await_rest(rig: Rig, clock: Clock) -> None:
@@ -477,60 +450,53 @@ def _await_rest(rig: Rig, clock: Clock) -> None:
 
 # The lever: its middle by hand, its sense by what the head does.
 
-_FOLLOWS = 0.6
-_MISFIT = 0.5
-_SHARES = (0.1, 0.95)
-
 
 def _find_lever(guide: Guide) -> list[Finding]:
     guide.person.do(
         "turn the lever by hand to its middle: along tendons 1 and 3, the cable of its motor free either way",
         TURN_LEVER,
     )
-    with guide.open_rig(guide.suppose(drive_sign=1)) as (rig, _):
+    with guide.open_rig(rewired(guide.spec, drive_sign=1)) as (rig, _):
         widen_window(rig)
         rig.configure()
         middle = rig.drive.get_count("present_position")
     reach = math.radians(guide.spec.limits.drive_window_deg) / PULSE
-    if not reach <= middle <= COUNTS_PER_TURN - 1 - reach:
-        advice = "take the horn off, turn it by a quarter, put it back on; or make limits.drive_window_deg smaller"
-        expected = f"{reach:.0f} to {COUNTS_PER_TURN - 1 - reach:.0f}, for a window of ±{reach * PULSE * 57.3:.0f}°"
-        return [Finding("fault", "drive", f"the middle at {middle} counts", expected, advice)]
+    require(
+        reach <= middle <= COUNTS_PER_TURN - 1 - reach,
+        "drive",
+        f"the middle at {middle} counts",
+        f"{reach:.0f} to {COUNTS_PER_TURN - 1 - reach:.0f}, for a window of ±{reach * PULSE * 57.3:.0f}°",
+        "take the horn off, turn it by a quarter, put it back on; or make limits.drive_window_deg smaller",
+    )
     with (
-        guide.open_rig(guide.suppose(drive_sign=1, drive_zero_counts=middle)) as (rig, clock),
+        guide.open_rig(rewired(guide.spec, drive_sign=1, drive_zero_counts=middle)) as (rig, clock),
         moving(rig, clock, [rig.drive], guide.check) as loop,
     ):
         bring_lever_home(loop, rig)
-        move = swing_lever(loop)
-    went = float(np.ptp(move.angle))
-    if went < _FOLLOWS * 2 * STEP:
-        found = f"the lever went {math.degrees(went):.1f}°"
-        advice = "is it free, are its screws tight, is the supply on? then repeat this step"
-        return [Finding("fault", "drive", found, f"{math.degrees(2 * STEP):.0f}°", advice)]
+        supply = float(np.mean([motor.get("present_input_voltage") for motor in rig.motors]))
+        loop.restart()
+        move = swing_lever(loop, _ROUNDS)
+    went = math.degrees(np.ptp(move.angle))
+    advice = "is it free, are its screws tight, is the supply on? then repeat this step"
+    whole = math.degrees(2 * STEP)
+    require(went >= _FOLLOWS * whole, "drive", f"the lever went {went:.1f}°", f"{whole:.0f}°", advice)
     answer = answer_to(move, guide.spec)
-    if fault := _unanswered(answer):
-        return [fault]
-    sign = 1 if answer.share > 0 else -1
-    findings = []
-    if sign != guide.spec.wiring.drive_sign:
-        found = f"more counts turn the lever {'positively' if sign > 0 else 'negatively'}"
-        findings.append(Finding("note", "drive", found, "the other way", f"drive_sign is {sign} now"))
-    guide.know(drive_sign=sign, drive_zero_counts=middle)
-    told = f"middle at {middle} counts, sense {sign:+d}; the head answers with {abs(answer.share):.2f} of its turn"
-    return [*findings, Finding("ok", "drive", told)]
-
-
-def _unanswered(answer: Answer) -> Finding | None:
-    if answer.misfit < _MISFIT and _SHARES[0] < abs(answer.share) < _SHARES[1]:
-        return None
     found = f"the head turns by {answer.share:+.2f} of the lever, {100 * answer.misfit:.0f} % of it unexplained"
     advice = "is the board on the head plate, the joint free, and x up? then repeat this step"
-    return Finding("fault", "IMU", found, "an answer to the lever's steps", advice)
+    is_answer = answer.misfit < _MISFIT and _SHARES[0] < abs(answer.share) < _SHARES[1]
+    require(is_answer, "IMU", found, "an answer to the lever's steps", advice)
+    sign = 1 if answer.share > 0 else -1
+    found = f"middle at {middle} counts, sense {sign:+d}; the head answers with {abs(answer.share):.2f} of its turn"
+    volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
+    return [
+        *guide.learn("drive", drive_sign=sign, drive_zero_counts=middle),
+        Finding("ok", "drive", found),
+        guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
+        guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
+    ]
 
 
 # The tendons: which stands where, and which way round its pulley winds.
-
-_SKEWED = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -546,27 +512,26 @@ class Arrangement:
     off: float
 
 
-def arrange(directions: Sequence[float], *, is_usual: bool = True, is_labelled: bool = True) -> Arrangement | None:
+def arrange(directions: Sequence[float], *, is_labelled: bool = True) -> Arrangement | None:
     """Return how motors, listed as they are believed to stand, do stand; None where two stand in one place.
 
-    directions: in which each pulls the head, from y towards z of a frame about x [rad]. is_usual: whether that frame is
-    the one that the board is held to be mounted in. is_labelled: whether the list means anything. The board may be
-    mounted in quarter turns. That is taken for true which leaves the fewest motors misplaced; of two like that, the
-    usual frame; where the list means nothing, the usual frame first.
+    directions: in which each pulls the head, from y towards z of the frame about x that the board is held to be mounted
+    in [rad]; it may be mounted in quarter turns of it. is_labelled: whether the list means anything. That is taken for
+    true which leaves the fewest motors misplaced; of two like that, the fewest turns, and these first where the list
+    means nothing.
     """
     count = len(directions)
     pitch = math.tau / count
     found = []
     for turns in range(4):
-        turned = [direction - turns * math.pi / 2 for direction in directions]
-        mean = float(np.angle(sum(np.exp(1j * count * value) for value in turned))) / count
-        slots = [round((value - mean) / pitch) % count for value in turned]
+        turned = np.asarray(directions) - turns * math.pi / 2
+        mean = float(np.angle(np.exp(1j * count * turned).sum())) / count
+        slots = np.rint((turned - mean) / pitch).astype(int) % count
         if len(set(slots)) == count:
-            left = [value - slot * pitch for value, slot in zip(turned, slots, strict=True)]
-            off = max(abs(float(np.angle(np.exp(1j * value)))) for value in left)
-            misplaced = sum(slot != motor for motor, slot in enumerate(slots))
-            key = (misplaced, turns) if is_labelled or not is_usual else (turns, misplaced)
-            order = tuple(slots.index(tendon) for tendon in range(count))
+            off = float(np.abs(np.angle(np.exp(1j * (turned - slots * pitch)))).max())
+            misplaced = int((slots != np.arange(count)).sum())
+            key = (misplaced, turns) if is_labelled else (turns, misplaced)
+            order = tuple(np.argsort(slots).tolist())
             found.append((abs(mean) > math.pi / 5, *key, Arrangement(order, turns, math.degrees(off))))
     return min(found, key=lambda each: each[:3])[-1] if found else None
 
@@ -577,91 +542,44 @@ def _find_tendons(guide: Guide) -> list[Finding]:
     pulls: list[Pull] = []
     for index in range(count):
         with (
-            guide.open_rig(guide.suppose(tendon_pull=(1,) * count)) as (rig, clock),
+            guide.open_rig(rewired(guide.spec, tendon_pull=(1,) * count)) as (rig, clock),
             moving(rig, clock, [rig.tendons[index]], guide.check) as loop,
         ):
             pulls.append(pull_tendon(loop, rig, index))
     if faults := [_no_pull(rig, index, pull) for index, pull in enumerate(pulls) if not pull.sense]:
         return faults
     directions = [math.atan2(-pull.lean[0], pull.lean[1]) for pull in pulls]
-    is_usual = not guide.is_turned or "imu_axes" in wiring.measured
-    there = arrange(directions, is_usual=is_usual, is_labelled=guide.is_labelled)
-    if there is None:
-        found = ", ".join(f"{math.degrees(value):.0f}°" for value in directions)
-        advice = "two pull in one direction: is every cable through its own guide? then repeat this step"
-        return [Finding("fault", "tendons", f"the head leans towards {found}", f"{360 // count}° apart", advice)]
-    findings = _wiring_notes(guide, pulls, there)
-    axes = turned_frame(wiring.imu_axes, there.turns)
-    if axes != wiring.imu_axes:
-        findings.append(Finding("note", "IMU", ", ".join(axes), ", ".join(wiring.imu_axes), "imu_axes are these now"))
-    guide.know(
+    there = arrange(directions, is_labelled=guide.is_labelled)
+    found = f"the head leans towards {', '.join(f'{math.degrees(value):.0f}°' for value in directions)}"
+    advice = "two pull in one direction: is every cable through its own guide? then repeat this step"
+    require(there is not None, "tendons", found, f"{360 // count}° apart", advice)
+    assert there is not None
+    findings = guide.learn(
+        "IMU",
+        imu_axes=turned_frame(wiring.imu_axes, there.turns),
         tendon_ids=tuple(wiring.tendon_ids[motor] for motor in there.order),
         tendon_pull=tuple(pulls[motor].sense for motor in there.order),
-        imu_axes=axes,
     )
-    for tendon, motor in enumerate(there.order, start=1):
-        pull = pulls[motor]
-        told = f"id {wiring.tendon_ids[motor]}, sense {pull.sense:+d}, contact after {1e3 * pull.turned:.1f} mm"
-        findings.append(Finding("ok", f"tendon {tendon}", told))
-    return findings
-
-
-def _wiring_notes(guide: Guide, pulls: Sequence[Pull], there: Arrangement) -> list[Finding]:
-    wiring, notes = guide.spec.wiring, list[Finding]()
-    for tendon, motor in enumerate(there.order):
-        if motor != tendon:
-            found = f"motor {wiring.tendon_ids[motor]} pulls tendon {tendon + 1}"
-            notes.append(Finding("note", f"tendon {tendon + 1}", found, f"tendon {motor + 1}", "swapped in tendon_ids"))
-    for motor, pull in enumerate(pulls):
-        if pull.sense != wiring.tendon_pull[motor]:
-            found = f"motor {wiring.tendon_ids[motor]} pulls with {'more' if pull.sense > 0 else 'fewer'} counts"
-            label = f"tendon {there.order.index(motor) + 1}"
-            notes.append(Finding("note", label, found, "the other way", f"tendon_pull is {pull.sense} now"))
     if there.off > _SKEWED:
         found = f"a tendon stands {there.off:.0f}° off its place along the board's axes"
         advice = "mount the board along its axes; levelling takes longer else"
-        notes.append(Finding("warning", "IMU", found, f"within {_SKEWED:.0f}°", advice))
-    return notes
+        findings.append(Finding("warning", "IMU", found, f"within {_SKEWED:.0f}°", advice))
+    for tendon, motor in enumerate(there.order, start=1):
+        pull = pulls[motor]
+        found = f"id {wiring.tendon_ids[motor]}, sense {pull.sense:+d}, contact after {1e3 * pull.turned:.1f} mm"
+        findings.append(Finding("ok", f"tendon {tendon}", found))
+    return findings
 
 
 def _no_pull(rig: Rig, index: int, pull: Pull) -> Finding:
-    motor = rig.tendons[index]
-    milliampere = 1e3 * pull_current(rig)
+    name, milliampere = f"motor {rig.tendons[index].id}", 1e3 * pull_current(rig)
     if pull.turned < 1e-3:
         found = f"its horn went {1e3 * pull.turned:.1f} mm of cable at {milliampere:.0f} mA"
-        return Finding("fault", f"motor {motor.id}", found, "a horn that turns", "is the pulley blocked? free it")
+        return Finding("fault", name, found, "a horn that turns", "is the pulley blocked? free it")
     found = f"no cable pulls within {1e3 * pull.turned:.0f} mm either way at {milliampere:.0f} mA"
-    advice = (
-        "is its cable on the pulley and through the guide? take up its slack by hand, or let it off where a move that "
-        "was cut short left it taut, then repeat this step"
-    )
-    return Finding("fault", f"motor {motor.id}", found, "a head that leans", advice)
-
-
-# The supply's voltage and the sensor's delay.
-
-_ROUNDS = 3
-_VOLT_STD = 0.03  # of a register in steps of 0.1 V
-
-
-def _measure_constants(guide: Guide) -> list[Finding]:
-    with guide.open_rig(guide.spec) as (rig, clock):
-        supply = float(np.mean([motor.get("present_input_voltage") for motor in rig.motors]))
-        with moving(rig, clock, [rig.drive], guide.check) as loop:
-            bring_lever_home(loop, rig)
-            swing = swing_lever(loop, _ROUNDS)
-    answer = answer_to(swing, guide.spec)
-    if fault := _unanswered(answer):
-        return [fault]
-    if answer.share < 0:
-        found = f"the head turns with the lever ({answer.share:+.2f})"
-        return [Finding("fault", "drive", found, "against it", "drive_sign is wrong: repeat the step lever")]
-    volts, delay = "register present_input_voltage of all motors", "lever steps against the gyroscope"
-    return [
-        guide.measure("drive.supply_voltage", supply, _VOLT_STD, f"sinew doctor: {volts}"),
-        guide.measure("imu.residual_delay", answer.delay, answer.delay_std, f"sinew doctor: {delay}"),
-        Finding("ok", "joint", f"the lever has {answer.share:.2f} of the inertia"),
-    ]
+    advice = "is its cable on the pulley and through the guide? take up its slack by hand, or let it off where a move "
+    advice += "that was cut short left it taut, then repeat this step"
+    return Finding("fault", name, found, "a head that leans", advice)
 
 
 def _examine_all(guide: Guide) -> list[Finding]:
@@ -678,9 +596,8 @@ STEPS = (
     Step("devices", "who is on the bus, with which id and baud", _find_devices),
     Step("settings", "what the motors must hold", _set_up),
     Step("board", "which way up the sensor is", _find_up),
-    Step("lever", "the lever's middle and sense; it moves by ±6°", _find_lever),
+    Step("lever", "its middle and sense, the supply's voltage, the sensor's delay; it moves by ±6°", _find_lever),
     Step("tendons", "which motor pulls which tendon; one at a time pulls lightly", _find_tendons),
-    Step("constants", "the supply's voltage, the sensor's delay; the lever moves by ±6°", _measure_constants),
     Step("check", "the whole bench as a run will find it; nothing moves", _examine_all),
 )
 """What the guide does, in this order. Each needs what those before it found."""

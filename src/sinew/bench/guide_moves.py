@@ -17,7 +17,7 @@ from scipy.signal import savgol_filter
 from sinew.analysis.signal.signals import sensor_budget, torsion_chain
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop
-from sinew.bench.pretension import rest_tilt
+from sinew.bench.pretension import CONTACT_HOLD_S, rest_tilt, wind_to_contact
 from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
@@ -56,6 +56,7 @@ def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], 
     loop = Loop(rig, clock, Guard(rig.spec), tilt, 1 / RATE_HZ, lambda _: None, check)
     angles = rig.stand()
     loop.watch = Watch(origin=angles, goals=angles)
+    why: BaseException | None = None
     try:
         for motor in motors:
             check()
@@ -66,14 +67,13 @@ def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], 
             motor.torque_on()
         loop.restart()
         yield loop
-    except BaseException as why:
+    except BaseException as trouble:
+        why = trouble
+        raise
+    finally:
         report = stop(rig, clock, "release")
         if not report.is_safe:
-            raise UnconfirmedError(f"{why}; {report.sentence()}") from why
-        raise
-    report = stop(rig, clock, "release")
-    if not report.is_safe:
-        raise UnconfirmedError(report.sentence())
+            raise UnconfirmedError(f"{why}; {report.sentence()}" if why else report.sentence()) from why
 
 
 def widen_window(rig: Rig) -> None:
@@ -124,24 +124,27 @@ def swing_lever(loop: Loop, rounds: int = 1) -> LeverMove:
     samples: list[Sample] = []
     at = 0.0
     for share in _STEPS * rounds:
-        there, begin, start = share * STEP, loop.due, at
-
-        def path(time: float, start: float = start, there: float = there, begin: float = begin) -> float:
-            done = min(1.0, max(0.0, (time - begin) / STEP_S))
-            return start + (there - start) * 0.5 * (1 - math.cos(math.pi * done))
-
-        samples += loop.run(STEP_S + _STEP_REST_S, path)
-        at = there
+        samples += loop.run(STEP_S + _STEP_REST_S, _smooth_step(loop.due, STEP_S, at, share * STEP))
+        at = share * STEP
     return LeverMove.of(samples)
 
 
+def _smooth_step(begin: float, duration: float, start: float, stop: float) -> Callable[[float], float]:
+    """Return the way of the lever [rad] by time [s]."""
+
+    def path(time: float) -> float:
+        done = min(1.0, max(0.0, (time - begin) / duration))
+        return start + (stop - start) * 0.5 * (1 - math.cos(math.pi * done))
+
+    return path
+
+
 def bring_lever_home(loop: Loop, rig: Rig) -> None:
-    """Bring the lever slowly to its middle."""
-    lever, begin = rig.drive.angle(), loop.due
-    time = max(0.5, abs(lever) / 0.5)
+    """Bring the lever slowly to its middle, at 0.5 rad/s at most."""
+    lever = rig.drive.angle()
+    time = max(0.5, 0.5 * math.pi * abs(lever) / 0.5)
     loop.restart()
-    begin = loop.due
-    loop.run(time, lambda now: lever * max(0.0, 1 - (now - begin) / time))
+    loop.run(time, _smooth_step(loop.due, time, lever, 0.0))
 
 
 # A tendon is pulled: until its motor carries a little current, and the head leans.
@@ -166,11 +169,8 @@ REACHES_M = (0.008, 0.018)
 LEANS = math.radians(0.25)
 """By so much the head must lean for a current to be a pull [rad]."""
 
-_PULL_SPEED, _BACK_SPEED = 0.012, 0.02  # m/s
+_BACK_SPEED = 0.02  # m/s
 _MOST_CURRENT = 0.25  # of the rig's limit
-_AT_LIMIT = 0.06
-_CONTACT_S = 0.2
-_AHEAD_M = 2e-3
 _LOOK_S = 0.4
 
 
@@ -185,58 +185,29 @@ def pull_current(rig: Rig) -> float:
 def pull_tendon(loop: Loop, rig: Rig, index: int) -> Pull:
     """Return what one tendon motor, the only one with torque, did when it was turned either way; it is back then."""
     before = _lean(loop)
-    turned = 0.0
+    turned, start, motor = 0.0, loop.watch.origin[index], rig.tendons[index]
     for reach in REACHES_M:
         for sense in (1, -1):
-            rig.tendons[index].limit_output(pull_current(rig))
+            senses = tuple(sense * (i == index) for i in range(len(rig.tendons)))
+            motor.limit_output(pull_current(rig))
             loop.restart()
-            found, far = _seek(loop, rig, index, sense, reach)
+            _, held = wind_to_contact(loop, rig, pull_current(rig), senses, reach, reach)
+            after = _lean(loop) if held[index] > CONTACT_HOLD_S else before
+            angle = motor.angle()
+            loop.restart()
+            far = abs(angle - start) * loop.pulley_radius
             turned = max(turned, far)
-            after = _lean(loop) if found else before
-            _go_back(loop, rig, index)
+            goal = min(angle, loop.watch.goals[index], key=lambda each: abs(each - start))
+            steps = max(1, round(abs(goal - start) * loop.pulley_radius / _BACK_SPEED / loop.period))
+            for k in range(1, steps + 1):
+                there = goal + (start - goal) * k / steps
+                loop.set_goals([there if i == index else at for i, at in enumerate(loop.watch.goals)])
+                loop.cycle()
+            loop.run(0.1)
             lean = (after[0] - before[0], after[1] - before[1])
             if math.hypot(*lean) >= LEANS:
                 return Pull(sense, far, lean)
     return Pull(0, turned)
-
-
-def _seek(loop: Loop, rig: Rig, index: int, sense: int, reach: float) -> tuple[bool, float]:
-    """Wind cable until the motor carries its current, or so much is wound [m]; return whether it does, and how far."""
-    radius, lsb, limit = loop.pulley_radius, rig.spec.tendons.current_lsb.value, pull_current(rig)
-    start = loop.watch.origin[index]
-    goal, held, far = start, 0.0, 0.0
-    step = sense * _PULL_SPEED * loop.period / radius
-    for _ in range(round((reach / _PULL_SPEED + 2 * _CONTACT_S) / loop.period)):
-        sample = _told(loop, index, goal)
-        angle, current = sample.tendon_rad[index], sample.tendon_current_a[index]
-        if math.isnan(angle):
-            continue
-        far = max(far, abs(angle - start) * radius)
-        held = held + loop.period if sense * current >= (1 - _AT_LIMIT) * limit - lsb else 0.0
-        if held > _CONTACT_S:
-            return True, far
-        ahead = angle + sense * _AHEAD_M / radius
-        goal = min(goal + step, ahead, start + sense * reach / radius, key=lambda value: sense * value)
-    return False, far
-
-
-def _go_back(loop: Loop, rig: Rig, index: int) -> None:
-    """Take the horn back to where it stood before."""
-    start, goal = loop.watch.origin[index], loop.watch.goals[index]
-    angle = rig.tendons[index].angle()
-    loop.restart()
-    goal = angle if abs(angle - start) < abs(goal - start) else goal
-    steps = max(1, round(abs(goal - start) * loop.pulley_radius / _BACK_SPEED / loop.period))
-    for k in range(1, steps + 1):
-        _told(loop, index, goal + (start - goal) * k / steps)
-    loop.run(0.1)
-
-
-def _told(loop: Loop, index: int, goal: float) -> Sample:
-    goals = list(loop.watch.goals)
-    goals[index] = goal
-    loop.set_goals(goals)
-    return loop.cycle()
 
 
 def _lean(loop: Loop) -> tuple[float, float]:
@@ -292,27 +263,22 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     whole = spec.inertia.head.value + spec.inertia.lever.value
     usual = math.sqrt(spec.silicone.stiffness(0.0) / whole)
     scale = np.array([0.1, 0.05, 0.02, 1e-3, 1e-3])
-    begin = np.array([spec.inertia.lever.value / whole, 1.0, 0.05, 0.0, 0.0])
 
-    def told(x: Numbers) -> Numbers:
-        share, stretch, power, bias, delay = x
+    def missed(scaled: Numbers) -> Numbers:
+        share, stretch, power, bias, delay = scaled * scale
         own = usual * stretch
         stiff = own**2 * (1j * np.maximum(omega, 1e-9) / own) ** power
         seen = chain * np.exp(-1j * omega * delay) * share * omega**2 / (stiff - omega**2) * lever
-        return np.asarray(np.interp(times, grid, np.fft.irfft(seen, count)) + bias)
+        return np.asarray(np.interp(times, grid, np.fft.irfft(seen, count)) + bias - gyro)
 
-    def missed(y: Numbers) -> Numbers:
-        return told(y * scale) - gyro
-
-    def fit(from_: Numbers) -> tuple[Numbers, Numbers, float]:
-        done = least_squares(missed, from_ / scale, method="lm")
+    def fit(sign: int) -> tuple[float, Numbers, Numbers]:
+        begin = np.array([sign * spec.inertia.lever.value / whole, 1.0, 0.05, 0.0, 0.0])
+        done = least_squares(missed, begin / scale, method="lm")
         slopes = np.asarray(done.jac, dtype=float)
-        spread = float(done.fun @ done.fun) / (len(gyro) - len(scale))
-        covariance = np.linalg.pinv(slopes.T @ slopes) * spread
-        return done.x * scale, np.sqrt(np.diag(covariance)) * scale, math.sqrt(float(np.mean(done.fun**2)))
+        covariance = np.linalg.pinv(slopes.T @ slopes) * 2 * done.cost / (len(gyro) - len(scale))
+        return math.sqrt(2 * done.cost / len(gyro)), done.x * scale, np.sqrt(np.diag(covariance)) * scale
 
-    turned = begin * np.array([-1.0, 1, 1, 1, 1])
-    best, std, left = min((fit(begin), fit(turned)), key=lambda each: each[2])
+    left, best, std = min((fit(1), fit(-1)), key=lambda each: each[0])
     size = math.sqrt(float(np.mean((gyro - gyro.mean()) ** 2)))
     return Answer(
         share=float(best[0]),

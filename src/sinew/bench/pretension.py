@@ -212,7 +212,9 @@ PULL_SPEED = 0.015
 CHANGE_SPEED = 0.006
 """Speed at which the pretension is changed [m/s]."""
 
-_CONTACT_HOLD_S = 0.4
+CONTACT_HOLD_S = 0.4
+"""How long a motor must stand at its limit of current to be at first contact [s]."""
+
 _CONTACT_TOLERANCE = 0.06
 _AHEAD_M = 2e-3
 _REST_S = 0.5
@@ -370,29 +372,13 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
     no contact within its position window.
     """
     tendons = rig.spec.tendons
-    radius = tendons.pulley_radius.value
     counts = round(tendons.current(tendons.first_contact_tension.value) / tendons.current_lsb.value)
     limit = counts * tendons.current_lsb.value
     for motor in rig.tendons:
         motor.limit_output(limit)
-    start = loop.watch.origin
     travel_m = 1e-3 * rig.spec.limits.tendon_travel_mm[1]
-    step = PULL_SPEED * loop.period / radius
-    goals = list(start)
-    held = [0.0] * len(goals)
-    for _ in range(round((travel_m / PULL_SPEED + 2.0) / loop.period)):
-        loop.set_goals(goals)
-        sample = loop.cycle()
-        for index, (angle, current) in enumerate(zip(sample.tendon_rad, sample.tendon_current_a, strict=True)):
-            if math.isnan(angle):
-                continue
-            at_limit = current >= (1 - _CONTACT_TOLERANCE) * limit - tendons.current_lsb.value
-            held[index] = held[index] + loop.period if at_limit else 0.0
-            goals[index] = min(goals[index] + step, angle + _AHEAD_M / radius)
-        if min(held) > _CONTACT_HOLD_S:
-            break
-    else:
-        loose = [f"tendon {i + 1}" for i, time in enumerate(held) if time <= _CONTACT_HOLD_S]
+    goals, held = wind_to_contact(loop, rig, limit, (1,) * tendons.count, travel_m)
+    if loose := [f"tendon {i + 1}" for i, time in enumerate(held) if time <= CONTACT_HOLD_S]:
         raise LostError(
             f"{', '.join(loose)} found no contact within {1e3 * travel_m:.0f} mm at {1e3 * limit:.0f} mA; "
             "is the cable on its pulley, and does more of the encoder pull (wiring.tendon_pull)? Take up its slack by "
@@ -400,6 +386,39 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
         )
     refuse_wrong_wiring(loop, rig, goals)
     return _crept(loop, 2 * math.pi / tendons.counts_per_turn.value)
+
+
+def wind_to_contact(
+    loop: Loop, rig: Rig, limit: float, senses: Sequence[int], travel_m: float, most_m: float = math.inf
+) -> tuple[list[float], list[float]]:
+    """Wind cable until every motor stands at its limit of current [A]; return the goals [rad], and for how long each
+    has stood there [s].
+
+    senses: in which each winds, 0 of one that is left alone. travel_m: for as long as that takes [m]. most_m: bound of
+    what is wound [m]. Goals move ahead of the horns.
+    """
+    radius, lsb = loop.pulley_radius, rig.spec.tendons.current_lsb.value
+    start, step = loop.watch.origin, PULL_SPEED * loop.period / radius
+    goals = list(start)
+    held = [0.0 if sense else math.inf for sense in senses]
+    for _ in range(round((travel_m / PULL_SPEED + 2.0) / loop.period)):
+        loop.set_goals(goals)
+        sample = loop.cycle()
+        for index, sense in enumerate(senses):
+            angle, current = sample.tendon_rad[index], sample.tendon_current_a[index]
+            if math.isnan(angle) or not sense:
+                continue
+            at_limit = sense * current >= (1 - _CONTACT_TOLERANCE) * limit - lsb
+            held[index] = held[index] + loop.period if at_limit else 0.0
+            ways = (
+                goals[index] + sense * step,
+                angle + sense * _AHEAD_M / radius,
+                start[index] + sense * most_m / radius,
+            )
+            goals[index] = min(ways, key=lambda goal: sense * goal)
+        if min(held) > CONTACT_HOLD_S:
+            break
+    return goals, held
 
 
 # The wiring is looked at while the tendons only carry first contact: each gives way a little, one after the other, and

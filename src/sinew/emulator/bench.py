@@ -15,7 +15,7 @@ from sinew.emulator.device import ImuNode, SensorBoard
 from sinew.emulator.faults import Faults, FaultSpec, Happening
 from sinew.emulator.line import Line
 from sinew.emulator.motor import Motor
-from sinew.emulator.plant import Horn, JointPlant, Law, Mechanics, Motion, Plant
+from sinew.emulator.plant import JointPlant, Law, Motion
 from sinew.hardware.ports import PLUG_ALL, PLUG_DRIVE, TURN_LEVER
 from sinew.hardware.registers import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import PortError, SpecError
@@ -72,12 +72,11 @@ _NEW_ID, _NEW_BAUD = 1, 57_600
 class EmulatedRig:
     """A bench as a master on the line sees it.
 
-    spec: which devices, with which ids and signs, and the sensor's noise. plant: the mechanics.
-    seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon motors at the start.
-    baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
-    return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
-    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. faults: where it has any. log: what they have done, in
-    the order of time.
+    spec: which devices, with which ids and signs, and the sensor's noise. plant: the mechanics, moved on only as far as
+    somebody needs them. seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon
+    motors at the start. baud: what the devices are set to [1/s]; None: the wiring's, which the master has.
+    return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250. imu_ppm: error of the
+    sensor's crystal [1e-6]; None: drawn. faults: where it has any. log: what they have done, in the order of time.
     tells_supply: whether the drive's register of current tells its supply's, which nobody knows of the real ones; the
     tendons' hold by theirs.
     Raises SpecError for a sensor that is not emulated, or a baud that the motors do not have.
@@ -86,12 +85,11 @@ class EmulatedRig:
     def __init__(
         self,
         spec: RigSpec,
-        plant: Plant,
+        plant: JointPlant,
         *,
         seed: int = 0,
         tendon_counts: int = 2048,
         baud: int | None = None,
-        firmware: int = 47,
         return_delay: int = 250,
         imu_ppm: float | None = None,
         tells_supply: bool = False,
@@ -107,7 +105,6 @@ class EmulatedRig:
         self.faults: Faults | None = None
         self.log: list[Happening] = []
         self._eye = np.random.default_rng([seed, 3])
-        self.mechanics = Mechanics(plant)
         self.supply = spec.drive.supply_voltage.value
         plant.set_supply(self.supply)
         self._unplugged = False
@@ -116,8 +113,7 @@ class EmulatedRig:
         wired.append((wiring.drive_id, wiring.drive_model, wiring.drive_sign, wiring.drive_zero_counts))
         self.motors: dict[int, Motor] = {}
         for index, (device, model, sign, zero) in enumerate(wired):
-            horn = Horn(self.mechanics, index, sign, zero)
-            motor = Motor(MOTORS[SERVOS[model].number], horn, firmware=firmware, supply=self.supply)
+            motor = Motor(MOTORS[SERVOS[model].number], plant, index, sign, zero, supply=self.supply)
             motor.servo.tells_supply = tells_supply and device == wiring.drive_id
             registers = motor.registers
             registers["id"], registers["baud_rate"] = device, BAUD_RATES.index(baud)
@@ -125,19 +121,15 @@ class EmulatedRig:
             self.motors[device] = motor
         self._motors = tuple(self.motors.values())
         rng = np.random.default_rng(seed)
-        self.imu = ImuNode(
-            spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
-        )
-        self.sensors = tuple(
-            SensorBoard(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors
-        )
+        self.imu = ImuNode(spec.imu, plant, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm)
+        self.sensors = tuple(SensorBoard(s, plant, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
         self._plugged = frozenset(range(len(self._motors)))
         self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
 
     @property
     def time(self) -> float:
         """The time it has been advanced to [s]."""
-        return self.mechanics.time
+        return self.plant.time
 
     @property
     def unplugged(self) -> bool:
@@ -173,16 +165,16 @@ class EmulatedRig:
 
     def catch_up(self) -> None:
         """Move the mechanics on to the present: they lag until somebody needs them, and it takes a while."""
-        self.mechanics.catch_up()
+        self.plant.catch_up()
 
     def _advance_devices(self, now: float) -> None:
         clocked: tuple[Motor | ImuNode, ...] = (*self._motors, self.imu)
         while (due := min(self.line.due, *[device.due for device in clocked])) <= now:
-            self.mechanics.go_to(due)
+            self.plant.advance(due)
             for device in clocked:
                 device.advance(due)
             self.line.work(due)
-        self.mechanics.go_to(now)
+        self.plant.advance(now)
 
     def plug(self, motors: Collection[int]) -> None:
         """Leave only these motors on the cable, by their place with the drive last; one that comes or goes loses its
@@ -208,7 +200,7 @@ class EmulatedRig:
         labels = sorted(self.spec.wiring.tendon_ids)
         if act == TURN_LEVER:
             middle = PULSE * round(float(self._eye.normal(0.0, EYE)) / PULSE)
-            self.mechanics.catch_up().place_lever(middle)
+            self.plant.place_lever(middle)
         elif act == PLUG_ALL:
             self.plug(range(len(self._motors)))
         elif act == PLUG_DRIVE:
@@ -219,7 +211,7 @@ class EmulatedRig:
     def set_supply(self, voltage: float) -> None:
         """Feed the bench another voltage [V], from now on; too little turns it off, the sensor with the motors."""
         self.supply = voltage
-        self.mechanics.catch_up().set_supply(voltage)
+        self.plant.set_supply(voltage)
         for motor in self._motors:
             motor.set_supply(voltage, self.time)
         for board in (self.imu, *self.sensors):
@@ -227,34 +219,28 @@ class EmulatedRig:
 
     def motion(self) -> Motion:
         """Return the true motion at the present time."""
-        return self.mechanics.motion()
+        return self.plant.motion()
 
     def states(self) -> dict[int, MotorState]:
         """Return the truth about each motor at the present time, by id at the start."""
-        return {device: self._state(motor) for device, motor in self.motors.items()}
-
-    def _state(self, motor: Motor) -> MotorState:
-        moved, law_s = motor.horn.motion(), self.time - motor.horn.law_since
-        return MotorState(
-            motor.torque, motor.is_tripped, motor.horn.law, moved.angle, moved.speed, moved.current, law_s
-        )
+        found = {}
+        for number, motor in self.motors.items():
+            law, law_s, moved = motor.servo.law, self.time - motor.servo.law_since, motor.servo.motion()
+            state = moved.angle, moved.speed, moved.current, law_s
+            found[number] = MotorState(motor.torque, motor.is_tripped, law, *state)
+        return found
 
     def stopped(self) -> bool:
         """Return whether no motor moves of its own: each is without torque, or stands still."""
         return all(not state.torque or not state.is_moving for state in self.states().values())
 
-    def frozen(self) -> bool:
-        """Return whether no motor drives any more: each is without torque, or holds a goal that stands, limited."""
-        return all(state.is_frozen for state in self.states().values())
-
     def frozen_since(self) -> float | None:
-        """Return since when no motor drives any more [s], None where one does.
+        """Return since when each motor is without torque or holds a goal that stands, limited [s]; None: one drives.
 
         Since when each is controlled as it is now; a motor that has lost its torque since may have stood before.
         """
-        if not self.frozen():
-            return None
-        return max(motor.horn.law_since for motor in self._motors)
+        is_frozen = all(state.is_frozen for state in self.states().values())
+        return max(motor.servo.law_since for motor in self._motors) if is_frozen else None
 
     def in_safe_state(self) -> bool:
         """Return whether each motor is without torque, or stands still and is limited or stopped by its watchdog."""

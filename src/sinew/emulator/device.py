@@ -9,11 +9,10 @@ import math
 import struct
 from collections import deque
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 
-from sinew.emulator.plant import Mechanics
+from sinew.emulator.plant import JointPlant
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction, Status
 from sinew.hardware.registers import (
@@ -25,6 +24,7 @@ from sinew.hardware.registers import (
     RegisterTable,
     sensor_table,
 )
+from sinew.measure.arrays import Array
 from sinew.plan.rig import NODE_HZ, BusSensor, Imu
 from sinew.plan.servo import RETURN_DELAY_LSB
 
@@ -173,16 +173,6 @@ class Device:
         return self.registers.get("status_return_level", 2)
 
     @property
-    def alert(self) -> bool:
-        """Whether it reports a hardware error in every status."""
-        return self.registers.get("hardware_error_status", 0) != 0
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        """Whether it takes part in fast sync and bulk reads."""
-        return self.firmware >= self.fast_reads_from
-
-    @property
     def is_locked(self) -> bool:
         """Whether registers that are kept without power may not be written."""
         return False
@@ -203,6 +193,12 @@ class Device:
 
     def react(self, name: str, count: int, now: float) -> None:
         """Act on a register that has been written."""
+
+    def set_power(self, on: bool, now: float) -> None:
+        """Take the power away, or give it back: the device then starts anew, deaf for a while."""
+        if on != self.is_powered:
+            self.is_powered = on
+            self.restart(now)
 
     def restart(self, now: float) -> None:
         """Start anew: registers as at power-on, deaf for `START_TIME`."""
@@ -265,8 +261,9 @@ class Device:
         return self.registers.parts(address, data, locked=self.is_locked)
 
     def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
-        """Return a status with an error number, and the alert where there is one."""
-        return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
+        """Return a status with an error number, and the alert where it has a hardware error."""
+        alert = self.registers.get("hardware_error_status", 0) != 0
+        return Status(self.id if sender is None else sender, number | 0x80 * alert, data)
 
     def _register(self, instruction: Instruction) -> int:
         """Keep a reg write until `_act`; return 0 or the error number."""
@@ -301,27 +298,14 @@ class Device:
         return 0
 
 
-class Board(Device):
-    """A sensor's board: Sinew's firmware runs it, and it answers at once."""
-
-    is_node = True
-
-    def set_power(self, on: bool, now: float) -> None:
-        """Take the power away, or give it back: the board then starts anew, deaf for a while."""
-        if on and not self.is_powered:
-            self.restart(now)
-        self.is_powered = on
-
-
 SAMPLE_PERIOD = 1 / NODE_HZ
 """Time between two samples, by the node's own clock [s]."""
 
 _READINGS = struct.Struct("<9h")
+_COUNTS = np.iinfo(np.int16)
 
-Vector = tuple[float, float, float]
 
-
-class ImuNode(Board):
+class ImuNode(Device):
     """The head's sensor, an OpenCR board with Sinew's firmware.
 
     The gyroscope is read at the node's own rate, by its own crystal; a reading is the mean over the newest samples
@@ -340,11 +324,12 @@ class ImuNode(Board):
     """
 
     fast_reads_from = 0
+    is_node = True
 
     def __init__(
         self,
         spec: Imu,
-        mechanics: Mechanics,
+        plant: JointPlant,
         rng: np.random.Generator,
         *,
         device_id: int = 200,
@@ -354,7 +339,7 @@ class ImuNode(Board):
         firmware: int = EMULATED_FIRMWARE,
     ) -> None:
         super().__init__(ControlTable(OPENCR_NODE), firmware, device_id, baud)
-        self._spec, self._mechanics, self._rng = spec, mechanics, rng
+        self._spec, self._plant, self._rng = spec, plant, rng
         self.frozen = False
         self.loses = self._owed = 0.0
         self._rate = 1 + 1e-6 * (float(rng.normal(0, 20)) if ppm is None else ppm)
@@ -362,16 +347,18 @@ class ImuNode(Board):
         self._count = int(self._phase / SAMPLE_PERIOD) + 1
         self.due = self._time_of_sample()
         self._bias = spec.gyro_bias.value * rng.standard_normal(3)
-        self._newest: deque[Vector] = deque(maxlen=spec.average_samples)
+        self._newest: deque[Array] = deque(maxlen=spec.average_samples)
         self._waiting: tuple[float, bytes] | None = None
-        # Index of the head's axis that each axis of the chip lies along, and its sign.
-        places = {axis[1]: (head, 1 if axis[0] == "+" else -1) for head, axis in enumerate(axes)}
-        self._chip = tuple(places[letter] for letter in "xyz")
+        # Of each axis of the chip: which axis of the head it lies along, and its sign.
+        self._along = [[axis[1] for axis in axes].index(letter) for letter in "xyz"]
+        self._signs = np.array([1.0 if axes[head][0] == "+" else -1.0 for head in self._along])
         self._readings_start = OPENCR_NODE["gyro_x"].address
         self._begin()
 
     def restart(self, now: float) -> None:
         super().restart(now)
+        self._newest.clear()
+        self._waiting = None
         self._begin()
 
     def _begin(self) -> None:
@@ -387,12 +374,6 @@ class ImuNode(Board):
         """Return the time by the node's own clock [s]."""
         return now * self._rate + self._phase
 
-    def set_power(self, on: bool, now: float) -> None:
-        if on and not self.is_powered:
-            self._newest.clear()
-            self._waiting = None
-        super().set_power(on, now)
-
     def advance(self, now: float) -> None:
         """Take a sample, if one is due."""
         if now < self.due:
@@ -407,20 +388,18 @@ class ImuNode(Board):
             self._owed -= 1.0
             self.registers["lost_samples"] = (self.registers["lost_samples"] + 1) & 0xFFFF_FFFF
             return
-        motion, spec = self._mechanics.motion(), self._spec
-        drawn = self._rng.standard_normal(6)
-        noise = (self._bias + spec.gyro_noise.value * drawn[:3]).tolist()
+        motion, spec, drawn = self._plant.motion(), self._spec, self._rng.standard_normal(6)
         limit = spec.gyro_range.value
-        rates = (max(-limit, min(limit, rate + extra)) for rate, extra in zip(motion.gyro, noise, strict=True))
-        self._newest.append(cast(Vector, tuple(rates)))
-        size = len(self._newest)
-        gyro = [self._gyro_counts(sum(sample[axis] for sample in self._newest) / size) for axis in range(3)]
-        noise = (drawn[3:] * spec.accelerometer_noise.value).tolist()
-        force = [value + extra for value, extra in zip(motion.acceleration, noise, strict=True)]
-        x, y, z = (self._chip_axis(force, axis) for axis in range(3))
+        noise = self._bias + spec.gyro_noise.value * drawn[:3]
+        self._newest.append(np.clip(motion.gyro + noise, -limit, limit))
+        rates = np.rint(np.mean(self._newest, axis=0) / spec.gyro_lsb.value)
+        rates = np.where(np.abs(rates) <= spec.dead_band, 0.0, np.clip(rates, _COUNTS.min, _COUNTS.max))
+        force = motion.acceleration + drawn[3:] * spec.accelerometer_noise.value
+        x, y, z = forces = self._signs * force[self._along]
+        most = min(spec.accelerometer_range.value / spec.accelerometer_lsb.value, _COUNTS.max)
         readings = _READINGS.pack(
-            *(round(self._chip_axis(gyro, axis)) for axis in range(3)),
-            *(self._acceleration_counts(value) for value in (x, y, z)),
+            *(self._signs * rates[self._along]).astype(int),
+            *np.rint(np.clip(forces / spec.accelerometer_lsb.value, -most, most)).astype(int),
             round(math.degrees(math.atan2(y, z)) * 10),
             round(math.degrees(math.atan2(-x, math.hypot(y, z))) * 10),
             0,
@@ -449,29 +428,17 @@ class ImuNode(Board):
     def _microseconds(self, now: float) -> int:
         return int(self.clock(now) * 1e6) & 0xFFFF_FFFF
 
-    def _gyro_counts(self, rate: float) -> float:
-        counts = round(rate / self._spec.gyro_lsb.value)
-        return 0.0 if abs(counts) <= self._spec.dead_band else max(-32_768.0, min(32_767.0, float(counts)))
 
-    def _acceleration_counts(self, force: float) -> int:
-        spec = self._spec
-        limit = min(spec.accelerometer_range.value / spec.accelerometer_lsb.value, 32_767)
-        return round(max(-limit, min(limit, force / spec.accelerometer_lsb.value)))
-
-    def _chip_axis(self, head: list[float], axis: int) -> float:
-        """Return what an axis of the chip sees of a vector in the head's frame."""
-        along, sign = self._chip[axis]
-        return sign * head[along]
-
-
-class SensorBoard(Board):
+class SensorBoard(Device):
     """A sensor with a node of its own, which takes its value as it is asked for it."""
 
-    def __init__(self, spec: BusSensor, mechanics: Mechanics, rng: np.random.Generator, baud: int) -> None:
+    is_node = True
+
+    def __init__(self, spec: BusSensor, plant: JointPlant, rng: np.random.Generator, baud: int) -> None:
         super().__init__(ControlTable(sensor_table(spec)), EMULATED_FIRMWARE, spec.id, baud)
-        self._spec, self._mechanics, self._rng = spec, mechanics, rng
+        self._spec, self._plant, self._rng = spec, plant, rng
 
     def refresh(self, address: int, length: int, now: float) -> None:
         spec = self._spec
-        told = spec.told(np.asarray(self._mechanics.motion().tension), self._rng)
+        told = spec.told(np.asarray(self._plant.motion().tension), self._rng)
         self.registers[spec.channel] = round(float(told) / spec.lsb)

@@ -23,8 +23,9 @@ import numpy as np
 from sinew.emulator.device import ImuNode
 from sinew.emulator.line import Line
 from sinew.emulator.motor import Motor
-from sinew.emulator.plant import Mechanics
-from sinew.measure.errors import SpecError
+from sinew.emulator.plant import JointPlant
+from sinew.measure.errors import SpecError, UnitError
+from sinew.measure.units import convert
 from sinew.plan.rig import RigSpec
 
 _NUMBER = r"\d*\.?\d+(?:[eE][+-]?\d+)?|\d+\.(?:[eE][+-]?\d+)?"
@@ -36,29 +37,23 @@ _WINDOW = re.compile(rf"({_NUMBER})(?:-({_NUMBER}))?")
 class FaultKey:
     """What one value of a fault may be.
 
-    units: spelling and factor to the unit kept; the first is that of a bare number. low, high: bounds in the unit kept.
-    default: value where none is given; None: it must be given. drawn: between which values `random_fault` draws it,
-    evenly in its logarithm; None: it is a whole number, of a motor or tendon.
+    unit: of a bare number, and of the value kept. low, high: bounds. default: value where none is given; None: it must
+    be given. drawn: between which values `random_fault` draws it, evenly in its logarithm; None: it is a whole number,
+    of a motor or tendon.
     """
 
-    units: dict[str, float]
+    unit: str
     low: float
     high: float
     default: float | None = None
     drawn: tuple[float, float] | None = None
-
-    @property
-    def kept_unit(self) -> str:
-        """How the unit is spelt in which the value is kept."""
-        return next(unit for unit, factor in self.units.items() if factor == 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class FaultSpec:
     """One fault.
 
-    kind: of FAULT_KINDS. values: of its keys, every one, in seconds, metres, volts, newton metres or
-    kelvin per second.
+    kind: of FAULT_KINDS. values: of its keys, every one, in their units.
     start, stop: when it is there [s, emulated time]; stop is infinite where it stays.
     `str` gives the text that `parse_fault` reads back to the same.
     """
@@ -72,13 +67,19 @@ class FaultSpec:
         """Return the value of a key of this kind."""
         return dict(self.values)[key]
 
+    @property
+    def part(self) -> tuple[str, float | None]:
+        """What it strikes: faults of one kind, and of one motor or tendon, add up."""
+        values = dict(self.values)
+        return self.kind, values.get("motor", values.get("tendon"))
+
     def is_there(self, time: float) -> bool:
         """Return whether the fault is there at a time [s]."""
         return self.start <= time < self.stop
 
     def __str__(self) -> str:
         keys = FAULT_KINDS[self.kind].keys
-        shown = [f"{k}={repr(v) if keys[k].drawn else int(v)}{keys[k].kept_unit}" for k, v in self.values]
+        shown = [f"{k}={repr(v) if keys[k].drawn else int(v)}{keys[k].unit}" for k, v in self.values]
         window = "" if self.stop == math.inf else f"-{self.stop!r}"
         when = f"@{self.start!r}{window}" if self.start or window else ""
         return self.kind + (":" if shown else "") + ",".join(shown) + when
@@ -99,7 +100,7 @@ class Bench(Protocol):
     spec: RigSpec
     motors: dict[int, Motor]
     imu: ImuNode
-    mechanics: Mechanics
+    plant: JointPlant
     line: Line
     unplugged: bool
     log: list[Happening]
@@ -112,8 +113,9 @@ class Bench(Protocol):
 Arrivals = list[tuple[float, bytes]]
 Strike = Callable[[bytes, FaultSpec, np.random.Generator], Arrivals]
 """Turns bytes into what arrives instead, each with by how much later [s]; nothing for what is lost."""
-Change = Callable[[Bench, FaultSpec, list[FaultSpec]], None]
-"""Does to a bench what follows when a fault has come or gone. The list: the faults of its kind that are there now."""
+Change = Callable[[Bench, FaultSpec, list[FaultSpec]], object]
+"""Does to a bench what follows when a fault has come or gone. The list: which of its kind, and of its motor or tendon,
+are there now."""
 
 
 def _flip(data: bytes, _spec: FaultSpec, chance: np.random.Generator) -> Arrivals:
@@ -129,44 +131,26 @@ def _truncate(data: bytes, _spec: FaultSpec, chance: np.random.Generator) -> Arr
     return [(0.0, data[: int(chance.integers(1, len(data)))])] if len(data) > 1 else []
 
 
-def _alike(spec: FaultSpec, there: list[FaultSpec], key: str) -> list[FaultSpec]:
-    """Return those of the faults that are of the same motor or tendon."""
-    return [other for other in there if other.value(key) == spec.value(key)]
+def _sets(name: str, of: Callable[[Bench, FaultSpec], object], value: Callable[[list[FaultSpec]], object]) -> Change:
+    """Return what sets an attribute of a part of the bench to what the faults that are there make of it."""
+    return lambda rig, one, there: setattr(of(rig, one), name, value(there))
+
+
+def _motor(rig: Bench, fault: FaultSpec) -> Motor:
+    return rig.motors[int(fault.value("motor"))]
+
+
+def _imu(rig: Bench, _: FaultSpec) -> ImuNode:
+    return rig.imu
 
 
 def _brown_out(rig: Bench, _: FaultSpec, there: list[FaultSpec]) -> None:
     nominal = rig.spec.drive.supply_voltage.value
-    rig.set_supply(min((spec.value("to") for spec in there), default=nominal))
+    rig.set_supply(min((one.value("to") for one in there), default=nominal))
 
 
-def _freeze(rig: Bench, _: FaultSpec, there: list[FaultSpec]) -> None:
-    rig.imu.frozen = bool(there)
-
-
-def _lose(rig: Bench, _: FaultSpec, there: list[FaultSpec]) -> None:
-    rig.imu.loses = max((spec.value("share") for spec in there), default=0.0)
-
-
-def _overload(rig: Bench, spec: FaultSpec, there: list[FaultSpec]) -> None:
-    rig.motors[int(spec.value("motor"))].protection.is_burdened = bool(_alike(spec, there, "motor"))
-
-
-def _overheat(rig: Bench, spec: FaultSpec, there: list[FaultSpec]) -> None:
-    heats = sum(other.value("rate") for other in _alike(spec, there, "motor"))
-    rig.motors[int(spec.value("motor"))].protection.heated_by = heats
-
-
-def _stick(rig: Bench, spec: FaultSpec, there: list[FaultSpec]) -> None:
-    rig.mechanics.catch_up().stick(int(spec.value("tendon")) - 1, bool(_alike(spec, there, "tendon")))
-
-
-def _slip(rig: Bench, spec: FaultSpec, there: list[FaultSpec]) -> None:
-    if spec in there:
-        rig.mechanics.catch_up().slip(int(spec.value("tendon")) - 1, spec.value("by"))
-
-
-def _push(rig: Bench, _: FaultSpec, there: list[FaultSpec]) -> None:
-    rig.mechanics.catch_up().push(sum(spec.value("torque") for spec in there))
+def _total(key: str) -> Callable[[list[FaultSpec]], float]:
+    return lambda there: sum(fault.value(key) for fault in there)
 
 
 @dataclass(frozen=True)
@@ -185,34 +169,50 @@ class FaultKind:
     breaks: bool = True
 
 
-_SHARE, _SECONDS = {"": 1.0, "%": 0.01}, {"s": 1.0, "ms": 1e-3}
-_P = FaultKey(_SHARE, 0.0, 1.0, 0.01, drawn=(1e-3, 0.3))
-_MOTOR, _TENDON = FaultKey({"": 1.0}, 0, 252), FaultKey({"": 1.0}, 1, 12)
-_LATER = FaultKey(_SECONDS, 0.0, 10.0, 0.02, drawn=(1e-3, 0.1))
-_VOLTS = FaultKey({"V": 1.0}, 0.0, 30.0, 5.0, drawn=(3.0, 9.0))
-_HEATING = FaultKey({"K/s": 1.0}, 0.0, 1000.0, 20.0, drawn=(5.0, 100.0))
-_LENGTH = FaultKey({"mm": 1e-3, "m": 1.0}, 0.0, 0.1, 1e-3, drawn=(2e-4, 6e-3))
-_TORQUE = FaultKey({"N*m": 1.0}, 0.0, 20.0, 0.5, drawn=(0.1, 2.0))
+_P = FaultKey("", 0.0, 1.0, 0.01, drawn=(1e-3, 0.3))
+_MOTOR, _TENDON = FaultKey("", 0, 252), FaultKey("", 1, 12)
+_LATER = FaultKey("s", 0.0, 10.0, 0.02, drawn=(1e-3, 0.1))
+_VOLTS = FaultKey("V", 0.0, 30.0, 5.0, drawn=(3.0, 9.0))
+_HEATING = FaultKey("K/s", 0.0, 1000.0, 20.0, drawn=(5.0, 100.0))
+_LENGTH = FaultKey("mm", 0.0, 100.0, 1.0, drawn=(0.2, 6.0))
+_TORQUE = FaultKey("N*m", 0.0, 20.0, 0.5, drawn=(0.1, 2.0))
 
 FAULT_KINDS: dict[str, FaultKind] = {
     "drop": FaultKind({"p": _P}, "drop:p=0.01", lambda *_: []),
     "flip": FaultKind({"p": _P}, "flip:p=0.01@5-8", _flip),
     "duplicate": FaultKind({"p": _P}, "duplicate:p=0.01", lambda data, *_: [(0.0, data), (0.0, data)]),
-    "delay": FaultKind(
-        {"p": _P, "by": _LATER}, "delay:p=0.01,by=20ms", lambda data, spec, _: [(spec.value("by"), data)]
-    ),
+    "delay": FaultKind({"p": _P, "by": _LATER}, "delay:p=0.01,by=20ms", lambda data, f, _: [(f.value("by"), data)]),
     "truncate": FaultKind({"p": _P}, "truncate:p=0.01", _truncate),
-    "unplug": FaultKind({}, "unplug@12.5", change=lambda rig, _, there: setattr(rig, "unplugged", bool(there))),
+    "unplug": FaultKind({}, "unplug@12.5", change=_sets("unplugged", lambda rig, _: rig, bool)),
     "brown-out": FaultKind({"to": _VOLTS}, "brown-out:to=5V@3-3.4", change=_brown_out),
-    "overload": FaultKind({"motor": _MOTOR}, "overload:motor=2@5", change=_overload),
-    "overheat": FaultKind({"motor": _MOTOR, "rate": _HEATING}, "overheat:motor=3@5", change=_overheat),
-    "imu-freeze": FaultKind({}, "imu-freeze@4-4.5", change=_freeze),
-    "imu-lose": FaultKind({"share": _P}, "imu-lose:share=5%@4-9", change=_lose, breaks=False),
-    "stuck-tendon": FaultKind({"tendon": _TENDON}, "stuck-tendon:tendon=1@4", change=_stick),
-    "slip-tendon": FaultKind(
-        {"tendon": _TENDON, "by": _LENGTH}, "slip-tendon:tendon=2,by=1mm@4", change=_slip, at_once=True
+    "overload": FaultKind({"motor": _MOTOR}, "overload:motor=2@5", change=_sets("is_burdened", _motor, bool)),
+    "overheat": FaultKind(
+        {"motor": _MOTOR, "rate": _HEATING}, "overheat:motor=3@5", change=_sets("heated_by", _motor, _total("rate"))
     ),
-    "push": FaultKind({"torque": _TORQUE}, "push:torque=0.5@20-20.1", change=_push, breaks=False),
+    "imu-freeze": FaultKind({}, "imu-freeze@4-4.5", change=_sets("frozen", _imu, bool)),
+    "imu-lose": FaultKind(
+        {"share": _P},
+        "imu-lose:share=5%@4-9",
+        change=_sets("loses", _imu, lambda there: max((f.value("share") for f in there), default=0.0)),
+        breaks=False,
+    ),
+    "stuck-tendon": FaultKind(
+        {"tendon": _TENDON},
+        "stuck-tendon:tendon=1@4",
+        change=lambda rig, one, there: rig.plant.stick(int(one.value("tendon")) - 1, bool(there)),
+    ),
+    "slip-tendon": FaultKind(
+        {"tendon": _TENDON, "by": _LENGTH},
+        "slip-tendon:tendon=2,by=1mm@4",
+        change=lambda rig, one, _: rig.plant.slip(int(one.value("tendon")) - 1, 1e-3 * one.value("by")),
+        at_once=True,
+    ),
+    "push": FaultKind(
+        {"torque": _TORQUE},
+        "push:torque=0.5@20-20.1",
+        change=lambda rig, _, there: rig.plant.push(_total("torque")(there)),
+        breaks=False,
+    ),
 }
 """Every kind of fault."""
 
@@ -283,18 +283,21 @@ def _window(text: str, window: str, kind: FaultKind) -> tuple[float, float]:
     return start, stop
 
 
-def _value(text: str, key: str, said: str, kind: FaultKind) -> float:
-    row, found = kind.keys[key], _VALUE.fullmatch(said)
-    unit = (found[2] or next(iter(row.units))) if found else ""
-    if found is None or unit not in row.units:
-        units = " or ".join(filter(None, row.units))
-        expected = f"a number, in {units}" if units else "a number"
-        raise SpecError(f"fault {text!r}: {key}={said} is not {expected}; for example {kind.example}")
-    value = float(found[1]) * row.units[unit]
+def _value(text: str, key: str, written: str, kind: FaultKind) -> float:
+    row, found = kind.keys[key], _VALUE.fullmatch(written)
+    wrong = f"fault {text!r}: {key}={written}"
+    if found is None:
+        raise SpecError(
+            f"{wrong} is not {f'a number in {row.unit}' if row.unit else 'a number'}; for example {kind.example}"
+        )
+    try:
+        value = float(found[1]) * (convert(found[2], row.unit) if found[2] else 1.0)
+    except UnitError as trouble:
+        raise SpecError(f"{wrong}: {trouble}; for example {kind.example}") from trouble
     if not row.low <= value <= row.high or not (row.drawn or value == round(value)):
         what = "a number" if row.drawn else "a whole number"
-        bounds = f"{what} from {row.low:g} to {row.high:g} {row.kept_unit}".strip()
-        raise SpecError(f"fault {text!r}: {key}={said} is out of bounds; expected {bounds}")
+        bounds = f"{what} from {row.low:g} to {row.high:g} {row.unit}".strip()
+        raise SpecError(f"{wrong} is out of bounds; expected {bounds}")
     return value
 
 
@@ -330,8 +333,8 @@ class Faults:
             self._there ^= {number}
             self._rig.log.append(Happening(now, spec.kind, "begins" if there else "ends"))
             if change := FAULT_KINDS[spec.kind].change:
-                all_there = (self.specs[other] for other in sorted(self._there))
-                change(self._rig, spec, [other for other in all_there if other.kind == spec.kind])
+                all_there = [self.specs[other] for other in sorted(self._there)]
+                change(self._rig, spec, [other for other in all_there if other.part == spec.part])
         self._look_ahead(now)
 
     def disturb(self, now: float, data: bytes) -> Arrivals:

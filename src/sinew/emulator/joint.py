@@ -53,6 +53,9 @@ from sinew.twin.parameters import from_rig, space_from_rig
 TICK_S = 1.25e-3
 """Time between two states of the joint [s]."""
 
+FAR = 1e3
+"""No bound: of a length [m] or a speed [m/s]."""
+
 TILT_DAMPING = 0.3
 """Damping of the tilt [N m s/rad]; assumed."""
 
@@ -84,17 +87,17 @@ class TendonOrder(NamedTuple):
     """
 
     cable_end: Any
-    goal: Any
-    speed: Any
-    compliance: Any
-    limit: Any
-    duty: Any
-    stall: Any
-    fastest: Any
-    wind_cap: Any
-    may_wind: Any
-    may_pay: Any
-    follows: Any
+    goal: Any = FAR
+    speed: Any = 0.0
+    compliance: Any = 0.0
+    limit: Any = 0.0
+    duty: Any = 1.0
+    stall: Any = 1.0
+    fastest: Any = 0.0
+    wind_cap: Any = FAR
+    may_wind: Any = 1.0
+    may_pay: Any = 1.0
+    follows: Any = 0.0
 
 
 class DriveOrder(NamedTuple):
@@ -106,39 +109,19 @@ class DriveOrder(NamedTuple):
     push: what pushes the head from outside [N m].
     """
 
-    goal: Any
-    speed: Any
-    jump: Any
-    gain: Any
-    speed_gain: Any
-    feed: Any
-    duty_limit: Any
-    torque: Any
-    torque_limit: Any
-    by_torque: Any
-    on: Any
-    duty_torque: Any
-    push: Any
-
-
-class Layout(NamedTuple):
-    """Where everything is in the vectors of numbers that go to the compiled code, as indices.
-
-    now, tendons: one vector each. drive, step_s [s] and steps (how many to take): a third. What comes back is a new
-    `now`, then `seen`.
-    """
-
-    now: Now
-    tendons: TendonOrder
-    drive: DriveOrder
-    step_s: int
-    steps: int
-    seen: Any
-
-    def sizes(self) -> tuple[int, int, int]:
-        """Return the lengths of the vectors now, tendons and drive."""
-        now, tendons = (sum(map(np.size, jax.tree.leaves(indices))) for indices in (self.now, self.tendons))
-        return now, tendons, len(self.drive) + 2
+    push: Any = 0.0
+    duty_torque: Any = 0.0
+    duty_limit: Any = 0.0
+    torque_limit: Any = 0.0
+    on: Any = 0.0
+    goal: Any = 0.0
+    speed: Any = 0.0
+    jump: Any = 0.0
+    gain: Any = 0.0
+    speed_gain: Any = 0.0
+    feed: Any = 0.0
+    torque: Any = 0.0
+    by_torque: Any = 0.0
 
 
 def _numbered(like: Any) -> Any:
@@ -158,35 +141,32 @@ Example = Callable[[type[GuideFriction]], tuple[Any, Any]]
 
 
 @cache
-def marcher(forces: Forces, example: Example, tendons: int, guides: type[GuideFriction]) -> tuple[Layout, Any]:
-    """Return (layout, function) of a kind of joint; the function takes the vectors now, tendons and drive, and the
-    constants, and returns the numbers of `now` and `seen` after the steps that the vectors ask for, also none.
+def marcher(forces: Forces, example: Example, tendons: int, guides: type[GuideFriction]) -> tuple[Now, Any, Any]:
+    """Return of a kind of joint (where `Now` and what is seen are in the vector of numbers that comes back, as indices;
+    function). The function takes the numbers of `Now`, the orders (order, tendon) and those of the drive with length
+    [s] and number of the steps behind them, and the constants; it returns the numbers after the steps, also none.
 
     A turn of the loop is one slope of RK4, which is long to compile and stands here once. The last state is seen in one
     more turn. The loop carries vectors, and takes its constants from one, so that it is a run of few kernels.
     """
     motion, seen = example(guides)
-    each = np.zeros(tendons)
-    at, seen_at = _numbered((Now(motion, *(each,) * 5, goal=0.0), seen))
-    drive_at, step_at, steps_at = _numbered((DriveOrder(*(0.0,) * 13), 0.0, 0.0))
-    where = Layout(at, _numbered(TendonOrder(*(each,) * 12)), drive_at, step_at, steps_at, seen_at)
+    where, seen_at = _numbered((Now(motion, *(np.zeros(tendons),) * 5, goal=0.0), seen))
 
     @jax.jit
     def march(now: Array, tendons: Array, drive: Array, constants: Any) -> jax.Array:
         fixed, whole = ravel_pytree(constants)
-        step_s, turns = jnp.asarray(drive)[where.step_s], 4 * jnp.asarray(drive)[where.steps].astype(int) + 1
-        start: Now = _placed(now, where.now)
-        begun, state = ravel_pytree(start.motion)
+        step_s, turns = jnp.asarray(drive)[-2], 4 * jnp.asarray(drive)[-1].astype(int) + 1
+        begun, state = ravel_pytree(_placed(now, where).motion)
 
         def turn(n: jax.Array, carry: Any) -> Any:
             begun, here, gone, before, seen = carry
             # the barrier, for the compiler would carry each number of them on its own
             numbers = jax.lax.optimization_barrier((tendons, drive, fixed))  # type: ignore[no-untyped-call]
-            order, asked = _placed(numbers[0], where.tendons), _placed(numbers[1], where.drive)
+            order, asked = TendonOrder(*jnp.asarray(numbers[0])), DriveOrder(*jnp.asarray(numbers[1])[:-2])
             stage = n % 4
             passed = jnp.where((stage == 0) & (n > 0), step_s, 0.0)
             time_s = jnp.asarray(STAGE_TIMES)[stage] * step_s
-            at = _placed(before, where.now)
+            at = _placed(before, where)
             slope, *fresh = forces(time_s, state(here), at, order, asked, whole(numbers[2]), step_s, passed)
             kept = [jnp.where(stage == 0, _flat(new), old) for new, old in zip(fresh, (before, seen), strict=True)]
             return *next_stage(stage, begun, gone, _flat(slope), step_s), *kept
@@ -195,7 +175,7 @@ def marcher(forces: Forces, example: Example, tendons: int, guides: type[GuideFr
         *_, last, seen_last = jax.lax.fori_loop(0, turns, turn, carry)
         return jnp.concatenate([last, seen_last])
 
-    return where, march
+    return where, seen_at, march
 
 
 def _placed(vector: Any, where: Any) -> Any:
@@ -275,8 +255,8 @@ Head = tuple[float, float, tuple[float, float], Vector, Vector]
 class Body(ABC):
     """A joint behind motors, compiled: upright, or in space.
 
-    p: of the torsional joint. where: everything in the vectors. lever, lever_rate: where in `now`. steps: in a tick.
-    first_end: the twin's cable end at first contact [m].
+    p: of the torsional joint. where, seen_at: `Now` and what is seen, in the numbers; lever, lever_rate: of the drive.
+    steps: in a tick. first_end: the twin's cable end at first contact [m].
     """
 
     lever: int
@@ -287,7 +267,7 @@ class Body(ABC):
     def __init__(self, spec: RigSpec, constants: Any, p: Parameters, forces: Forces, example: Example) -> None:
         self.p, self._chip = p, spec.imu.mount_radius.value
         self._constants = jax.tree.map(lambda value: jnp.asarray(value, dtype=float), constants)
-        self.where, self._march = marcher(forces, example, spec.tendons.count, type(spec.tendons.guides))
+        self.where, self.seen_at, self._march = marcher(forces, example, spec.tendons.count, type(spec.tendons.guides))
 
     def move_on(self, now: Array, tendons: Array, drive: Array) -> Array:
         """Return the numbers of `now` and what is seen after the steps that the vectors ask for."""
@@ -406,21 +386,21 @@ class Upright(Body):
         contact = jnp.asarray(spec.tendons.first_contact_tension.value)
         held, _ = jax.jit(set_pretension)(joint.p, jnp.zeros(()), contact, jnp.asarray(POSITION), jnp.zeros(()))
         self.first_end = float(held.cable_end)
-        motion = self.where.now.motion.motion
+        motion = self.where.motion.motion
         self.lever, self.lever_rate = motion.lever, motion.lever_rate
 
     def begin(self, now: Array) -> Array:
-        now[list(self.where.now.motion.tilt)] = self._rest_tilt
+        now[list(self.where.motion.tilt)] = self._rest_tilt
         zero, tilt = jnp.zeros(()), (jnp.asarray(self._rest_tilt[0]), jnp.asarray(self._rest_tilt[1]))
         return np.asarray(jnp.stack(span_lengths(zero, zero, self.p, tilt)))
 
     def head(self, seen: list[float], late: float) -> Head:
-        where, motion = self.where.seen, self.where.now.motion.motion
+        where, motion = self.seen_at, self.where.motion.motion
         speed = seen[motion.torsion_rate] + late * seen[where.torsion_acceleration]
         torsion = seen[motion.torsion] + late * seen[motion.torsion_rate]
         gyro = seen[motion.gyro] + late * seen[motion.gyro_rate]
         rate_y, rate_z = (seen[i] for i in where.tilt_rate)
-        y, z = (seen[i] for i in self.where.now.motion.tilt)
+        y, z = (seen[i] for i in self.where.motion.tilt)
         c, s = math.cos(torsion), math.sin(torsion)
         along = self._chip * seen[where.torsion_acceleration]
         tilt, turned = (y + late * rate_y, z + late * rate_z), (gyro, c * rate_y + s * rate_z, c * rate_z - s * rate_y)
@@ -550,18 +530,18 @@ class InSpace(Body):
         space, self.first_end = space_of(spec, rest_tilt)
         super().__init__(spec, space, space.rod.joint, _space_forces, _space_example)
         self._space = jax.tree.map(jnp.asarray, space)
-        motion = self.where.now.motion
+        motion = self.where.motion
         self.lever, self.lever_rate = motion.lever, motion.lever_rate
 
     def begin(self, now: Array) -> Array:
         slack = self._space._replace(held_tension=np.zeros_like(self._space.held_tension))
         q = jnp.asarray(settle(np.zeros((6, TERMS)), slack)[0])  # as it hangs while nothing pulls
-        motion, state = self.where.now.motion, space_at_rest(q, self._space)
+        motion, state = self.where.motion, space_at_rest(q, self._space)
         now[motion.q], now[motion.memory] = state.q, state.memory
         return np.asarray(tendon_spans(q, self._space))
 
     def head(self, seen: list[float], late: float) -> Head:
-        where, motion = self.where.seen, self.where.now.motion
+        where, motion = self.seen_at, self.where.motion
 
         def numbers(indices: Array) -> list[float]:
             return [seen[i] for i in indices]

@@ -16,6 +16,7 @@ are not understood.
 import heapq
 import itertools
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -164,16 +165,14 @@ class Line:
 
     def _come_down(self, data: bytearray, at: float) -> None:
         """Let bytes come to the devices. They are looked at when the last has come: others may have spoilt them."""
-        arrivals = [(at, bytes(data))] if self.disturb_down is None else self.disturb_down(at, bytes(data))
-        for when, part in arrivals:
+        for when, part in _arrivals(self.disturb_down, at, data):
             if when <= at:
                 self._hear(part, at)
             else:
                 self._plan(when, partial(self._hear, part))
 
     def _come_up(self, data: bytearray, at: float) -> None:
-        arrivals = [(at, bytes(data))] if self.disturb_up is None else self.disturb_up(at, bytes(data))
-        for when, part in arrivals:
+        for when, part in _arrivals(self.disturb_up, at, data):
             if part:
                 heapq.heappush(self._arriving, (max(at, when), next(self._order), part))
 
@@ -187,12 +186,10 @@ class Line:
             if isinstance(packet, Instruction):
                 self._carry_out(packet, now)
         if self._ear.crc_errors > errors:
-            self._refuse_damaged(*self._ear.damaged, now)
-
-    def _refuse_damaged(self, device_id: int, code: int, now: float) -> None:
-        for device in self._listeners(now):
-            if device.id == device_id and not device.is_node and device.answers_to(code):
-                self._speak_later(now + device.return_delay, encode(device.status(CRC)))
+            number, code = self._ear.damaged
+            for device in self._listeners(now):
+                if device.id == number and not device.is_node and device.answers_to(code):
+                    self._plan(now + device.return_delay, partial(self._speak, encode(device.status(CRC))))
 
     def _listeners(self, now: float) -> list[Device]:
         return [device for device in self.devices if device.baud == self.host_baud and device.hears(now)]
@@ -218,26 +215,14 @@ class Line:
                     if device.id == write.id:
                         device.write(write.address, write.data, now)
             return
-        if to_all and code == ask.PING:
-            self._answer_in_turn(sorted(listeners, key=lambda device: device.id), instruction, now)
-            return
-        for device in listeners:
+        for device in sorted(listeners, key=lambda device: device.id):
             if to_all or device.id == instruction.id:
                 delay = device.return_delay
                 status = device.obey(instruction, now)
-                if status is not None and not to_all:
-                    self._speak_later(now + delay, encode(status))
-
-    def _answer_in_turn(self, devices: Sequence[Device], instruction: Instruction, now: float) -> None:
-        for device in devices:
-            status = device.obey(instruction, now)
-            if status is not None:
-                data = encode(status)
-                self._speak_later(now + device.return_delay, data)
-                now += device.return_delay + len(data) * _BITS_PER_BYTE / self.host_baud
-
-    def _speak_later(self, start: float, data: bytes) -> None:
-        self._plan(start, partial(self._speak, data))
+                if status is not None and (not to_all or code == ask.PING):
+                    data = encode(status)
+                    self._plan(now + delay, partial(self._speak, data))
+                    now += to_all * (delay + len(data) * _BITS_PER_BYTE / self.host_baud)  # a ping of all: in turn
 
     def _speak(self, data: bytes, start: float) -> float:
         """Put a device's bytes on the wire; return when the last has gone [s]."""
@@ -249,7 +234,8 @@ class Line:
         """Have the next device of a group speak, after its return delay; who is silent may silence those behind it."""
         while group.next < len(group.reads):
             read = group.reads[group.next]
-            speakers = self._speakers(read.id, group.fast, now)
+            speakers = [one for one in self._listeners(now) if one.id == read.id and one.status_return_level >= 1]
+            speakers = [one for one in speakers if one.firmware >= one.fast_reads_from or not group.fast]
             if group.broken:
                 speakers = [device for device in speakers if device.is_node and not group.fast]
             if speakers:
@@ -263,10 +249,6 @@ class Line:
             group.next, group.broken = group.next + 1, True
             now += wire_bytes(read.length, status=True) * _BITS_PER_BYTE / self.host_baud
 
-    def _speakers(self, device_id: int, fast: bool, now: float) -> list[Device]:
-        mine = [device for device in self._listeners(now) if device.id == device_id]
-        return [one for one in mine if one.status_return_level >= 1 and (one.knows_fast_reads or not fast)]
-
     def _take(self, group: _Round, device: Device, read: ask.Read, leads: bool, now: float) -> None:
         """Let a device say its part of a group's answer, as its registers are now. leads: whether the next waits."""
         status = device.answer(read.address, read.length, now) if device.hears(now) else None
@@ -279,15 +261,13 @@ class Line:
                 self._plan(stop, partial(self._go_on, group))
 
 
+def _arrivals(disturb: Disturbance | None, at: float, data: bytearray) -> list[tuple[float, bytes]]:
+    return [(at, bytes(data))] if disturb is None else disturb(at, bytes(data))
+
+
 def _at_headers(data: bytes) -> list[bytes]:
     """Return the bytes cut before every header in them, so that each packet is heard when it is whole."""
-    parts: list[bytes] = []
-    start = 0
-    at = data.find(HEADER, 1)
-    while at >= 0:
-        parts.append(data[start:at])
-        start, at = at, data.find(HEADER, at + 1)
-    return [*parts, data[start:]] if data else []
+    return [part for part in re.split(b"(?=" + HEADER + b")", data) if part]
 
 
 def _spoil(one: _Burst, other: _Burst, shift: int) -> None:

@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 
 from sinew.emulator.device import DATA_LIMIT, DATA_RANGE, RESULT_FAIL, START_TIME, ControlTable, Device, Part
-from sinew.emulator.plant import Horn, Law
+from sinew.emulator.plant import HornMotion, JointPlant, Law
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction
 from sinew.hardware.motor import FAST_READS_FROM
@@ -41,7 +41,6 @@ from sinew.plan.servo import (
     SPEED_LSB,
     WATCHDOG_LSB,
 )
-from sinew.plan.servo import Servo as DataSheet
 
 # ---- a motor at its horn: its goals move it, and its motion becomes the present registers
 
@@ -128,9 +127,8 @@ _INTEGRAL = 16.0  # factor on the velocity loop's P gain that stands for its int
 
 def goal_of(mode: int) -> str:
     """Return the register that a mode goes by."""
-    return {CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm"}.get(
-        mode, "goal_position"
-    )
+    goals = {CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm"}
+    return goals.get(mode, "goal_position")
 
 
 def reset_for_mode(registers: ControlTable) -> None:
@@ -189,17 +187,32 @@ class Servo:
     turns only from when it was started), plus the homing offset. In reverse mode all of them, speeds and efforts
     included, are inverted (the manual says so of positions; of the others it is assumed).
 
+    index: of the motor in the plant; one beyond the tendons is the drive. sign: of the counts that the plant's positive
+    sense makes. zero: what the encoder reads at the plant's angle zero.
+    law, law_since: what controls the horn, and since when [s].
     due: when it is to be advanced again [s]. is_on: whether the torque is. is_held: whether it was stopped, and waits
     for another goal. tells_supply: whether its register of the current tells the supply's and not the motor's.
     """
 
-    def __init__(self, registers: ControlTable, horn: Horn) -> None:
-        self._registers, self._horn = registers, horn
+    def __init__(self, registers: ControlTable, plant: JointPlant, index: int, sign: int, zero: float) -> None:
+        self._registers, self._plant = registers, plant
+        self._index, self._mounted, self._zero = index, sign, zero
         self._profile = Profile()
         self.is_on = False
         self._turns = 0.0
         self.due = math.inf
         self.is_held = self.tells_supply = False
+        self.law, self.law_since = Law(), 0.0
+        plant.set_law(index, self.law)
+
+    def motion(self) -> HornMotion:
+        """Return how the horn moves at present, in the plant's sense."""
+        return self._plant.horn(self._index)
+
+    def _set_law(self, law: Law) -> None:
+        if law != self.law:
+            self._plant.set_law(self._index, law)
+            self.law, self.law_since = law, self._plant.time
 
     @property
     def _direction(self) -> int:
@@ -208,11 +221,11 @@ class Servo:
     @property
     def sign(self) -> int:
         """Of the plant's sense that more counts have."""
-        return self._direction * self._horn.sign
+        return self._direction * self._mounted
 
     def position(self, *, in_first_turn: bool = False) -> float:
         """Return the present position in counts, with fractions. in_first_turn: whether whole turns are forgotten."""
-        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
+        counts = self._direction * (self._zero + self._mounted * self.motion().angle / PULSE)
         if in_first_turn or (not self.is_on and self._registers.memory[_MODE] == POSITION_MODE):
             self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
         return counts - self._turns + self._offset()
@@ -235,7 +248,7 @@ class Servo:
         """Take the torque off."""
         self.is_on = False
         self.due = math.inf
-        self._horn.set_law(Law())
+        self._set_law(Law())
         self._profile.jump(self.position())
 
     def hold(self) -> None:
@@ -250,11 +263,11 @@ class Servo:
         if mode in POSITION_MODES:
             self._settle_on_present()
             fault = self._offset() if mode == EXTENDED_POSITION_MODE else 0
-            self._horn.set_law(law_of(registers, self.sign, self._angle_of(self._profile.position + fault), 0.0))
+            self._set_law(law_of(registers, self.sign, self._angle_of(self._profile.position + fault), 0.0))
             return
         registers[goal_of(mode)] = 0
         self._profile.jump(0.0)
-        self._horn.set_law(law_of(registers, self.sign, 0.0, 0.0))
+        self._set_law(law_of(registers, self.sign, 0.0, 0.0))
 
     def aim(self, now: float) -> None:
         """Set out for the goal that the registers have now."""
@@ -278,7 +291,7 @@ class Servo:
         at, sign = self._profile.position, self.sign
         is_speed = self._registers.memory[_MODE] == VELOCITY_MODE
         angle, speed = (0.0, sign * at * SPEED_LSB) if is_speed else (self._angle_of(at), 0.0)
-        self._horn.set_law(law_of(self._registers, sign, angle, speed))
+        self._set_law(law_of(self._registers, sign, angle, speed))
 
     def advance(self, now: float) -> None:
         """Go one step along the trajectory, if one is due."""
@@ -290,12 +303,12 @@ class Servo:
     def is_moving(self) -> bool:
         """Return what the register `moving` says."""
         is_underway = self._profile.is_running and self._registers.memory[_MODE] in POSITION_MODES
-        return is_underway or abs(self._horn.motion().speed) / SPEED_LSB > self._registers["moving_threshold"]
+        return is_underway or abs(self.motion().speed) / SPEED_LSB > self._registers["moving_threshold"]
 
     def tell(self, tick: int, volts: float, degrees: float) -> None:
         """Bring the present registers up to date."""
         registers, sign = self._registers, self.sign
-        motion, position, profile = self._horn.motion(), self.position(), self._profile
+        motion, position, profile = self.motion(), self.position(), self._profile
         current = motion.current * abs(motion.duty) if self.tells_supply else motion.current
         speed = registers.memory[_MODE] == VELOCITY_MODE
         _PRESENT_LAYOUT.pack_into(
@@ -342,7 +355,8 @@ class Servo:
         return 0 if in_one_turn and abs(offset) > _LARGEST_OFFSET_IN_ONE_TURN else offset
 
     def _angle_of(self, position: float) -> float:
-        return self._horn.angle_of(self._direction * (position - self._offset() + self._turns))
+        counts = self._direction * (position - self._offset() + self._turns)
+        return self._mounted * (counts - self._zero) * PULSE
 
     def _pace(self, goal: float) -> tuple[float, float]:
         """Return the top speed [counts/s] and acceleration [counts/s²] of the way to a goal; 0 where there is none."""
@@ -364,59 +378,22 @@ def _clip(value: float, bits: int) -> int:
     return max(-limit, min(limit - 1, round(value)))
 
 
-# A motor grows warm, and notices that it is too warm, overloaded or badly fed.
-#
-# The manual says what is detected, not how. Assumed: first-order heating by I²R of the winding, whose resistance is
-# nominal voltage over stall current; 6 K/W to surroundings of 25 °C with a time constant of 300 s, so that an
-# XH430-W350 may carry 0.99 A for ever and is shut down 4.4 min into a stall at 12 V; overload where the current
-# stays at 80 % of the stall current or more for 1 s. The voltage's bit follows the voltage unless it is in the shutdown
-# mask; all others stay until the motor starts anew.
-
 # ---- the motor as a master sees it
+#
+# A motor grows warm, and notices that it is too warm, overloaded or badly fed. The manual says what is detected, not
+# how. Assumed: first-order heating by I²R of the winding, whose resistance is nominal voltage over stall current; 6 K/W
+# to surroundings of 25 °C with a time constant of 300 s, so that an XH430-W350 may carry 0.99 A for ever and is shut
+# down 4.4 min into a stall at 12 V; overload where the current stays at 80 % of the stall current or more for 1 s. The
+# voltage's bit follows the voltage unless it is in the shutdown mask; all others stay until the motor starts anew.
 
+FIRMWARE = 47
+"""Version that a motor tells; from 45 on they know fast reads and backups of their registers."""
 
 PERIOD = 0.05
 """How often a motor looks after itself [s]."""
 
 _AMBIENT, _PER_WATT, _TIME_CONSTANT = 25.0, 6.0, 300.0
 _OVERLOAD_SHARE, _OVERLOAD_TIME = 0.8, 1.0
-
-
-@dataclass(slots=True)
-class Protection:
-    """What a motor knows about its own health.
-
-    servo: its model. temperature: of the winding, taken for that of the register [°C]. overloaded_for: [s].
-    latched: bits that stay until the motor starts anew. heated_by: as a fault, from outside [K/s]. is_burdened: as a
-    fault, whether it bears too much load while its torque is on.
-    """
-
-    servo: DataSheet
-    temperature: float = _AMBIENT
-    overloaded_for: float = 0.0
-    latched: int = 0
-    heated_by: float = 0.0
-    is_burdened: bool = False
-
-    def advance(self, dt: float, current: float, torque: bool) -> None:
-        """Carry a current [A] for a time [s]. torque: whether it is on."""
-        target = _AMBIENT + _PER_WATT * self.servo.resistance * current * current
-        self.temperature += (target - self.temperature) * min(1.0, dt / _TIME_CONSTANT)
-        self.temperature += self.heated_by * dt
-        loaded = abs(current) >= _OVERLOAD_SHARE * self.servo.stall_current or (self.is_burdened and torque)
-        self.overloaded_for = self.overloaded_for + dt if loaded else 0.0
-
-    def errors(self, supply: float, low: float, high: float, temperature_limit: float, shutdown: int) -> int:
-        """Return the bits of hardware_error_status, for a supply and its limits [V] and a limit [°C]."""
-        bad_voltage = not low <= supply <= high
-        if self.temperature > temperature_limit:
-            self.latched |= OVERHEATING
-        if self.overloaded_for >= _OVERLOAD_TIME - PERIOD / 2:
-            self.latched |= OVERLOAD
-        if bad_voltage and shutdown & VOLTAGE:
-            self.latched |= VOLTAGE
-        return self.latched | VOLTAGE * bad_voltage
-
 
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
@@ -433,21 +410,25 @@ _INDIRECT_START = 168
 class Motor(Device):
     """One motor: registers, power, bus watchdog and protection around a `Servo`.
 
-    rows: of its model. horn: what it moves. firmware: 45 and later know fast reads. supply: [V].
-    loses: as a fault, names of registers whose writes it confirms and forgets.
+    rows: of its model. index, sign, zero: of its horn in the plant (`Servo`). supply: [V]. temperature: of the winding,
+    taken for that of the register [°C].
+    As faults: heated_by, from outside [K/s]; is_burdened, whether it bears too much load while its torque is on; loses,
+    names of registers whose writes it confirms and forgets.
     """
 
     fast_reads_from = FAST_READS_FROM
 
-    def __init__(self, rows: RegisterTable, horn: Horn, *, firmware: int = 47, supply: float = 12) -> None:
-        super().__init__(ControlTable(rows), firmware)
-        self.registers["firmware_version"] = firmware
-        self.horn = horn
-        self.protection = Protection(SERVOS[rows.model])
-        self.supply = supply
-        self.is_powered = supply >= self.protection.servo.brown_out
+    def __init__(
+        self, rows: RegisterTable, plant: JointPlant, index: int, sign: int, zero: float = 2048, supply: float = 12
+    ) -> None:
+        super().__init__(ControlTable(rows), FIRMWARE)
+        self.registers["firmware_version"] = FIRMWARE
+        self._data, self.supply = SERVOS[rows.model], supply
+        self.is_powered = supply >= self._data.brown_out
+        self.temperature, self.heated_by, self.is_burdened = _AMBIENT, 0.0, False
+        self._overloaded_for, self._latched = 0.0, 0  # [s]; bits that stay until the motor starts anew
         self.loses: set[str] = set()
-        self.servo = Servo(self.registers, horn)
+        self.servo = Servo(self.registers, plant, index, sign, zero)
         self._backup: bytes | None = None
         self._started = 0.0
         self._watchdog_due = math.inf
@@ -489,32 +470,30 @@ class Motor(Device):
             self.servo.hold()
         if now >= self._next_check:
             self._next_check += PERIOD
-            self.protection.advance(PERIOD, self.horn.motion().current, self.torque)
+            self._carry(self.servo.motion().current)
             self._check()
 
     def set_supply(self, voltage: float, now: float) -> None:
         """Feed it another voltage [V]: too little turns it off, and from there it starts anew."""
-        was_on, self.supply = self.is_powered, voltage
-        self.is_powered = voltage >= self.protection.servo.brown_out
-        if self.is_powered != was_on:
-            self.restart(now)
+        self.supply = voltage
+        self.set_power(voltage >= self._data.brown_out, now)
         self._check()
 
     def fail(self, bits: int = ELECTRICAL_SHOCK) -> None:
         """Have a hardware error, by bits of hardware_error_status, until it is rebooted."""
-        self.protection.latched |= bits
+        self._latched |= bits
         self._check()
 
     def restart(self, now: float) -> None:
         self.servo.turn_off()
         super().restart(now)
-        self.protection.latched, self.protection.overloaded_for = 0, 0.0  # the winding stays warm
+        self._latched, self._overloaded_for = 0, 0.0  # the winding stays warm
         self._started = now + START_TIME
         self._begin()
 
     def refresh(self, address: int, length: int, now: float) -> None:
         if (address < _PRESENT.stop and address + length > _PRESENT.start) or address + length > _INDIRECT_START:
-            self.servo.tell(int((now - self._started) * 1000), self.supply, self.protection.temperature)
+            self.servo.tell(int((now - self._started) * 1000), self.supply, self.temperature)
 
     def carry_out(self, instruction: Instruction, now: float) -> int:
         if instruction.code == ask.CLEAR:
@@ -551,7 +530,7 @@ class Motor(Device):
         if name == "bus_watchdog":
             return DATA_RANGE if self.is_tripped and count else 0
         if name == "torque_enable":
-            return RESULT_FAIL if count and self.protection.latched & registers["shutdown"] else 0
+            return RESULT_FAIL if count and self._latched & registers["shutdown"] else 0
         return 0
 
     def react(self, name: str, count: int, now: float) -> None:
@@ -587,14 +566,24 @@ class Motor(Device):
         units = self.registers["bus_watchdog"]
         self._watchdog_due = now + units * WATCHDOG_LSB if units > 0 and self.torque else math.inf
 
+    def _carry(self, current: float) -> None:
+        """Carry a current for a period [A]."""
+        target = _AMBIENT + _PER_WATT * self._data.resistance * current * current
+        self.temperature += (target - self.temperature) * min(1.0, PERIOD / _TIME_CONSTANT)
+        self.temperature += self.heated_by * PERIOD
+        loaded = abs(current) >= _OVERLOAD_SHARE * self._data.stall_current or (self.is_burdened and self.torque)
+        self._overloaded_for = self._overloaded_for + PERIOD if loaded else 0.0
+
     def _check(self) -> None:
         """Look for hardware errors, and take the torque off if one asks for it."""
-        registers, memory = self.registers, self.registers.memory
-        shutdown = registers["shutdown"]
+        registers, memory, shutdown = self.registers, self.registers.memory, self.registers["shutdown"]
         low, high = (registers[f"{end}_voltage_limit"] / COUNTS_PER_VOLT for end in ("min", "max"))
-        errors = self.protection.errors(self.supply, low, high, registers["temperature_limit"], shutdown)
-        memory[_ERRORS] = errors
-        if self.torque and self.protection.latched & shutdown:
+        bad_voltage = VOLTAGE * (not low <= self.supply <= high)
+        self._latched |= OVERHEATING * (self.temperature > registers["temperature_limit"])
+        self._latched |= OVERLOAD * (self._overloaded_for >= _OVERLOAD_TIME - PERIOD / 2)
+        self._latched |= bad_voltage & shutdown
+        memory[_ERRORS] = self._latched | bad_voltage
+        if self.torque and self._latched & shutdown:
             memory[_TORQUE] = 0
             self.servo.turn_off()
             self._watchdog_due = math.inf

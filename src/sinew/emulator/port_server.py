@@ -9,7 +9,6 @@ import fcntl
 import math
 import os
 import select
-import selectors
 import shutil
 import socket
 import struct
@@ -19,7 +18,7 @@ import termios
 import tty
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sinew.emulator.bench import EmulatedRig
 from sinew.hardware.bus import Clock
@@ -112,7 +111,6 @@ class ClockSocket(_Named):
         self.terminal = str(self._folder / "clock")
         self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._master: socket.socket | None = None
-        self._ready = selectors.DefaultSelector()
         self._heard = b""
         try:
             self._listening.bind(self.terminal)
@@ -121,12 +119,12 @@ class ClockSocket(_Named):
             self._close_ends()
             raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
         self._listening.setblocking(False)
-        self._ready.register(self._listening, selectors.EVENT_READ)
         self._make_link()
 
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when a master has come, said something or left."""
-        return self._ready.fileno()
+    @property
+    def ends(self) -> list[socket.socket]:
+        """What is readable when a master has come, said something or left."""
+        return [self._listening] if self._master is None else [self._listening, self._master]
 
     @property
     def is_taken(self) -> bool:
@@ -135,7 +133,7 @@ class ClockSocket(_Named):
 
     def wait(self, seconds: float) -> bool:
         """Return whether there is something to look at; waits for it at most so long [s]."""
-        return bool(self._ready.select(seconds))
+        return bool(select.select(self.ends, [], [], seconds)[0])
 
     def greet(self, now: float, terminal: str) -> None:
         """Take a master that has come and tell it the time [s] and the terminal; turn it away while one is served."""
@@ -147,18 +145,21 @@ class ClockSocket(_Named):
             newcomer.close()
             return
         newcomer.setblocking(False)
-        self._master = newcomer
-        self._ready.register(newcomer, selectors.EVENT_READ)
-        self._heard = b""
+        self._master, self._heard = newcomer, b""
         name = terminal.encode()
         self._send(HELLO.pack(now, len(name)) + name)
 
     def ask(self) -> Ask | None:
-        """Return what the master says next, None where it says nothing or has left."""
-        whole = ASK.size if len(self._heard) < ASK.size else ASK.size + ASK.unpack(self._heard[: ASK.size])[-1]
-        while self._master is not None and len(self._heard) < whole:
+        """Return what the master says next, None where it has not said it whole or has left."""
+        while True:
+            if len(self._heard) >= ASK.size:
+                what, now, until, length = ASK.unpack_from(self._heard)
+                end = ASK.size + length
+                if len(self._heard) >= end:
+                    data, self._heard = self._heard[ASK.size : end], self._heard[end:]
+                    return Ask(what, now, until, data)
             try:
-                data = self._master.recv(min(whole - len(self._heard), _AT_ONCE))
+                data = b"" if self._master is None else self._master.recv(_AT_ONCE)
             except BlockingIOError:
                 return None
             except OSError:
@@ -167,13 +168,6 @@ class ClockSocket(_Named):
                 self._part()
                 return None
             self._heard += data
-            if len(self._heard) == ASK.size:
-                whole += ASK.unpack(self._heard)[-1]
-        if self._master is None:
-            return None
-        heard, self._heard = self._heard, b""
-        what, now, until, _ = ASK.unpack(heard[: ASK.size])
-        return Ask(what, now, until, heard[ASK.size :])
 
     def has_ended(self) -> bool:
         """Return whether the master is gone, or has hung up behind what it still said."""
@@ -199,13 +193,11 @@ class ClockSocket(_Named):
 
     def _part(self) -> None:
         if self._master is not None:
-            self._ready.unregister(self._master)
             self._master.close()
-            self._master = None
+            self._master, self._heard = None, b""
 
     def _close_ends(self) -> None:
         self._part()
-        self._ready.close()
         self._listening.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -367,7 +359,7 @@ class PtyServer:
         soonest = min(self._rig.next_event(), self._held_until, now + _TICK)
         if soonest - now > _SPARE:
             self._rig.catch_up()
-        ends: list[PtyPort | ClockSocket] = [self._port, *([] if self._shared is None else [self._shared])]
+        ends: list[Any] = [self._port, *([] if self._shared is None else self._shared.ends)]
         if select.select(ends, [], [], max(0.0, soonest - self._now()))[0]:
             self._take(self._port)
             if self._shared is not None and self._shared.wait(0.0):

@@ -49,7 +49,7 @@ def doctor(
     fault, 1 a fault remains, 2 the port cannot be opened.
 
     With --guide motors move, a little and one at a time: steps devices (ids and bauds, motors plugged in one by one),
-    settings, board, lever, tendons (which is which, and its sense), constants, check. FILE holds what is found after
+    settings, board, lever, tendons (which is which, and its sense), check. FILE holds what is found after
     every step, --rig what is not, as long as there is no FILE. Ctrl-C or the end of the input ends it at any moment;
     all motors are without torque then, as they are behind every step. Exit status: 0 all found, 1 ended early.
     """

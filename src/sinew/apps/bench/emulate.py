@@ -142,7 +142,7 @@ def _truth(bench: "EmulatedRig", server: "PtyServer", seed: int) -> dict[str, An
             "goal_pwm": motor.registers["goal_pwm"],
             "watchdog_tripped": motor.is_tripped,
             "hardware_error": motor.registers["hardware_error_status"],
-            "temperature_c": motor.protection.temperature,
+            "temperature_c": motor.temperature,
             "angle_deg": math.degrees(states[number].angle),
             "speed_deg_s": math.degrees(states[number].speed),
             "current_a": states[number].current,
@@ -163,14 +163,7 @@ def _truth(bench: "EmulatedRig", server: "PtyServer", seed: int) -> dict[str, An
         "torsion_deg": math.degrees(motion.torsion),
         "tilt_deg": [math.degrees(angle) for angle in motion.tilt],
         "tension_n": list(motion.tension),
-        "pretension_mm": _pretension_mm(bench),
+        "pretension_mm": bench.plant.pretension * 1e3,
         "instructions": bench.line.instructions,
         "faults": [{"time_s": each.time, "kind": each.kind, "what": each.what} for each in bench.log],
     }
-
-
-def _pretension_mm(bench: "EmulatedRig") -> float:
-    from sinew.emulator.plant import JointPlant
-
-    assert isinstance(bench.plant, JointPlant)
-    return bench.plant.pretension * 1e3
