@@ -32,8 +32,7 @@ def design_curves(
 
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
     pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
-    fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
-    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.predicted`).
+    fine: refined until the error is below 0.5 %, with checks of what is assumed; else a sketch that is refined once.
 
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
@@ -126,14 +125,13 @@ def _predicted(
 
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.joints.validity import check_joint, loads_of
-    from sinew.predict.predicted import sketch
     from sinew.solve.curves import predict
     from sinew.solve.programs import configure
 
     configure()
     problem = joint_problem(rig, [pretension_mm], amplitude_deg, band_hz)
     if not fine:
-        return sketch(problem, band_hz), None
+        return predict(problem, band_hz, RESOLUTION._replace(sizes=RESOLUTION.sizes[:1])), None
     prediction = predict(problem, band_hz, RESOLUTION)
     torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
     return prediction, check_joint(rig, [pretension_mm], loads_of(problem, torsion), tilt_held=True)
@@ -170,8 +168,7 @@ def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
 # A plan's curves are foretold, for what is measured to be held against.
 
 _NOT_FORETOLD = (
-    "This page holds no prediction beside a head that bends or sways: sinew check says what its sweep should give, "
-    "sinew predict --bend-deg how it swings."
+    "This page holds no prediction beside a head that bends or sways; sinew predict --bend-deg says how it swings."
 )
 _ROOM = 0.4
 _SEED = 0
