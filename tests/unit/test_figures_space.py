@@ -9,9 +9,9 @@ from tests.unit.figures_panels import drawn
 
 from sinew.figures.space import draw_coupling, draw_over_pretension
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.section import ellipse_section
+from sinew.predict.design import Design, design_rig
 from sinew.predict.modes import Modes, find_modes
+from sinew.predict.section import ellipse_section
 
 pytestmark = pytest.mark.slow
 

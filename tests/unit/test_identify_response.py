@@ -11,8 +11,8 @@ from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
-from sinew.identify.stepped.fit import fit_response, squeeze_scatter
-from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, points_of_table
+from sinew.identify.points import ResponsePoints, make_points, points_of_response, points_of_table
+from sinew.identify.steady_fit import fit_response, squeeze_scatter
 from sinew.measure.errors import RecordingError, SpecError
 
 INERTIA = 12.74e-3

@@ -15,11 +15,10 @@ from sinew.mechanics.silicone import compressive_load, silicone_energy, twist_ri
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.band import spread_of
+from sinew.predict.design import Design, design_rig, fit_tensile, list_materials, load_material, section_of
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, section_of
-from sinew.predict.joints.material import fit_tensile, list_materials, load_material
-from sinew.predict.joints.section import annulus_section, circle_section, ellipse_section
-from sinew.predict.joints.validity import (
+from sinew.predict.section import annulus_section, circle_section, ellipse_section
+from sinew.predict.validity import (
     bonded_axial_factor,
     bonded_torsion_factor,
     check_joint,

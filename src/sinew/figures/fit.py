@@ -21,7 +21,7 @@ from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.comparison import HeldOut, Split
 from sinew.identify.oscillator.model import Fit, free_mechanics, number_names, physical_numbers
 from sinew.identify.oscillator.record import Record, dominant_omega
-from sinew.identify.stepped.fit import ResponseFit, response_curve
+from sinew.identify.steady_fit import ResponseFit, response_curve
 from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.estimate import NORMAL_95, span, typeset
 from sinew.measure.units import named_unit

@@ -29,7 +29,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import COARSE, Draws, draw_rigs, drawn_branches, estimate_of_deviations
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.validity import loads_of
+from sinew.predict.validity import loads_of
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, predict
 from sinew.solve.programs import configure, program
