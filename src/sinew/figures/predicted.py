@@ -329,9 +329,9 @@ def label_outer(panels: list[Axes], count: int, across: int) -> None:
 def _draw_marks(axes: Axes, rigs: list[Curves], row: int) -> None:
     """Draw a row of `Curves.ridge` over pretension, a line for each rig."""
     for i, curves in enumerate(map(in_order, rigs)):
-        look: dict[str, Any] = {"color": _COLOURS[i % len(_COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
-        ridge = curves.ridge()
-        axes.plot(ridge[1], ridge[row], **look, markeredgecolor="white", markeredgewidth=0.5, label=curves.name)
+        ridge, colour = curves.ridge(), _COLOURS[i % len(_COLOURS)]
+        (line,) = axes.plot(ridge[1], ridge[row], color=colour, marker=MARKERS[i % len(MARKERS)], label=curves.name)
+        line.set(markeredgecolor="white", markeredgewidth=0.5)
     axes.tick_params(colors=INK)
 
 
