@@ -33,7 +33,7 @@ from sinew.twin.simulate import rest_tension
 PAPER = load_rig("paper")
 ROOT = Path(__file__).resolve().parents[2]
 CURVES = ROOT.parent / "shared" / "data" / "silicone_tensile"
-TABLE = ROOT / "src" / "sinew" / "predict" / "joints" / "materials.toml"
+TABLE = ROOT / "src" / "sinew" / "predict" / "materials.toml"
 
 
 @pytest.mark.skipif(not CURVES.is_dir(), reason="the measured tensile curves are not here")

@@ -43,7 +43,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "sinew predict paper ring.toml --pretension-mm 0,6,12 --out out/compared",
         "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
     ),
-    "joints.model:model": (
+    "joints.pose:model": (
         "sinew model paper --to matlab --pretension-mm 0,4,8 --out out/transfer.mat",
         "sinew model paper --pretension-mm 6 --bend-deg 10 --out bent.xml --json",
     ),

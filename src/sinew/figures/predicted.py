@@ -361,10 +361,10 @@ def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
     maps = [_map(curves) for curves in rigs]
     top = max(float(np.nanmax(gain)) for *_, gain in maps)
     for i, (axes, curves, found) in enumerate(zip(panels, rigs, maps, strict=False)):
-        last = draw_map(axes, *found, curves.ridge()[:2], top)
+        last = draw_map(axes, *found, list(curves.ridge()[:2]), top)
         note_panel(axes, chr(ord("a") + i) if len(rigs) > 1 else "", shortened(curves.name, across))
     label_outer(list(panels), len(rigs), across)
-    map_bar(figure, last, panels[: len(rigs)])
+    map_bar(figure, last, list(panels[: len(rigs)]))
     return figure
 
 
@@ -543,8 +543,8 @@ def _draw_curve(axes: Axes, rows: Sequence[PointRow], name: str, colour: Array) 
     hertz, value = ([hz for hz, _ in known], np.array([one.measured.value for _, one in known]))
     ends = np.array([(one.measured.low, one.measured.high) for _, one in known]).T
     bars = np.nan_to_num(np.maximum(np.stack([value - ends[0], ends[1] - value]), 0.0))
-    look = {"color": colour, "markerfacecolor": _face(rows[0].fitted, colour), "elinewidth": 0.6}
-    axes.errorbar(hertz, value, bars, **_POINT, **look)
+    face = _face(rows[0].fitted, colour)
+    axes.errorbar(hertz, value, bars, **_POINT, color=colour, markerfacecolor=face, elinewidth=0.6)
     axes.plot(hertz, [one.predicted for _, one in known], color=colour, linewidth=1.1)
 
 
@@ -561,9 +561,8 @@ def _draw_readings(axes: Axes, found: Against) -> None:
             if (one := getattr(row, name)) is not None:
                 error = one.error.times(100)
                 bar = np.nan_to_num([[max(error.value - error.low, 0.0)], [max(error.high - error.value, 0.0)]])
-                look = {"color": colour, "marker": marker, "markersize": 3.6, "elinewidth": 0.7}
-                face = _face(row.fitted, colour)
-                axes.errorbar(row.pretension_mm + aside, error.value, bar, **look, markerfacecolor=face)
+                made = axes.errorbar(row.pretension_mm + aside, error.value, bar, color=colour, elinewidth=0.7)
+                made[0].set(marker=marker, markersize=3.6, markerfacecolor=_face(row.fitted, colour))
     keys = [
         Line2D([], [], color=ACCENT, linestyle="none", marker="o", markersize=3.6, label="frequency"),
         Line2D([], [], color=RED, linestyle="none", marker="s", markersize=3.6, label="gain"),
