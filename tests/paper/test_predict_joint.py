@@ -3,20 +3,16 @@
 from functools import cache
 from typing import NamedTuple
 
-import jax
-import jax.flatten_util
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.solve.branch import Prediction
 from sinew.solve.curves import predict
-from sinew.solve.march import Track, runge_kutta
+from sinew.solve.march import Track
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 pytestmark = pytest.mark.slow
@@ -96,32 +92,3 @@ def test_the_error_estimate_covers_what_the_time_integration_finds() -> None:
     for case in cases():
         found = half_range(waves(case.track.torsion, case.group.frequency_hz))
         assert abs(case.amplitude - found) < prediction().error_estimate * largest[case.group.pretension_mm]
-
-
-def test_multipliers_are_those_of_the_monodromy_of_the_time_integration() -> None:
-    pretension, amplitude = (float(row[0]) for row in lanes())
-    branch = prediction().branches[0]
-    index = int(np.argmax(branch.amplitude))
-    frequency = float(branch.frequency_hz[index])
-    group = Group("steady", pretension, frequency, amplitude, 0, 0.0, 1.0)
-    p, rest = lane_parameters([group], load_rig("paper"))
-    one = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), p)
-    flat, unravel = jax.flatten_util.ravel_pytree(state_at_rest(jnp.asarray(rest[0]), one))
-    steps = 1500
-    step_s = jnp.asarray(1 / frequency / steps)
-
-    @jax.jit
-    def period(y: jax.Array) -> jax.Array:
-        def slope(at: jax.Array, now: State) -> State:
-            return rate(at, now, one)
-
-        def body(n: int, now: State) -> State:
-            return runge_kutta(slope, n * step_s, now, step_s)
-
-        return jax.flatten_util.ravel_pytree(jax.lax.fori_loop(0, steps, body, unravel(y)))[0]
-
-    for _ in range(60):
-        flat = period(flat)
-    monodromy = np.asarray(jax.jit(jax.jacfwd(period))(flat))
-    largest = np.sort(np.abs(np.linalg.eigvals(monodromy)))[-1]
-    assert branch.multiplier[index] == pytest.approx(largest, rel=5e-3)
