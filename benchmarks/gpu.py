@@ -20,7 +20,7 @@ from sinew.measure.errors import SpecError
 from sinew.measure.tasks import DEVICE, DEVICES
 from sinew.paper.numbers import observe
 from sinew.plan.toml import dump_rig, load_rig
-from sinew.predict.joints.design import shear_modulus_of
+from sinew.predict.design import shear_modulus_of
 from sinew.solve.programs import configure
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import blocks_of, search_block

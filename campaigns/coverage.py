@@ -20,8 +20,8 @@ from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
-from sinew.identify.stepped.fit import fit_response, peak_of_response
-from sinew.identify.stepped.points import ResponsePoints, make_points, turned
+from sinew.identify.points import ResponsePoints, make_points, turned
+from sinew.identify.steady_fit import fit_response, peak_of_response
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.estimate import Estimate
 

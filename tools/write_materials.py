@@ -1,6 +1,6 @@
 """The table of silicones, made again from measured tensile curves.
 
-`python tools/write_materials.py FOLDER` prints src/sinew/predict/joints/materials.toml from a folder with the curves of
+`python tools/write_materials.py FOLDER` prints src/sinew/predict/materials.toml from a folder with the curves of
 the Soft Robotics Materials Database; a test compares.
 """
 
@@ -10,7 +10,7 @@ from pathlib import Path
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from sinew.predict.joints.material import fit_tensile, read_tensile
+from sinew.predict.design import fit_tensile, read_tensile
 
 TITLES = ("Dragon Skin 10 Medium", "Dragon Skin 20", "Dragon Skin 30", "Ecoflex 00-30", "Ecoflex 00-50")
 

@@ -13,8 +13,8 @@ from sinew.identify.oscillator.model import MODELS as MODELS
 from sinew.identify.oscillator.model import Model as Model
 from sinew.identify.oscillator.record import Record as Record
 from sinew.identify.oscillator.record import make_record as make_record
-from sinew.identify.stepped.points import ResponsePoints as ResponsePoints
-from sinew.identify.stepped.points import points_of_table as points_of_table
+from sinew.identify.points import ResponsePoints as ResponsePoints
+from sinew.identify.points import points_of_table as points_of_table
 from sinew.measure.errors import FileError as FileError
 from sinew.measure.errors import RecordingError as RecordingError
 from sinew.measure.errors import SchemaError as SchemaError
@@ -55,8 +55,8 @@ from sinew.plan.toml import dump_plan as dump_plan
 from sinew.plan.toml import dump_rig as dump_rig
 from sinew.plan.toml import load_plan as load_plan
 from sinew.plan.toml import load_rig as load_rig
-from sinew.predict.joints.design import Design as Design
-from sinew.predict.joints.design import design_rig as design_rig
+from sinew.predict.design import Design as Design
+from sinew.predict.design import design_rig as design_rig
 from sinew.predict.multibody import export_model as export_model
 from sinew.predict.predicted import Predicted as Predicted
 from sinew.predict.predicted import predict as predict

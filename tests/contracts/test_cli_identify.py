@@ -24,29 +24,23 @@ from sinew.apps.cli import main
 QUANTITY = {"value", "std", "interval90"}
 
 
-def test_the_document_has_the_keys_of_the_reference(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_document_has_the_keys_of_the_reference_and_the_mechanics_that_the_sweep_was_made_with(
+    sweep: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = identified(capsys, sweep, *COLUMNS, "--model", "linear")
     assert set(found) == set(DOCUMENT)
     assert set(found["compared"][0]) == {"model", "rmse_test", "bic"}
     assert all(set(one) == QUANTITY for one in found["parameters"].values())
-
-
-def test_the_mechanics_are_those_the_sweep_was_made_with(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = identified(capsys, sweep, *COLUMNS, "--model", "linear")
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=1e-3)
     assert found["damping_ratio"]["value"] == pytest.approx(0.1, rel=1e-2)
     assert found["unit"] == "V"
 
 
-def test_train_and_test_ranges_are_sample_indices(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--train", "0:1000", "--test", "1000:1600")
-    assert found["rmse"]["test"] == pytest.approx(0.002, rel=0.2)
-
-
-def test_a_test_range_before_the_training_range_is_predicted_too(
-    sweep: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("train", "test"), [("0:1000", "1000:1600"), ("600:1600", "0:600")])
+def test_a_test_range_of_samples_after_or_before_the_training_range_is_predicted(
+    sweep: Path, capsys: pytest.CaptureFixture[str], train: str, test: str
 ) -> None:
-    found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--train", "600:1600", "--test", "0:600")
+    found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--train", train, "--test", test)
     assert found["rmse"]["test"] == pytest.approx(0.002, rel=0.2)
 
 

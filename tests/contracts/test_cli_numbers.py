@@ -10,7 +10,7 @@ import typer
 
 from sinew.apps.cli import app, main
 from sinew.apps.console import NumbersCommand
-from sinew.predict.joints.validity import Check, doubt_broken_curves
+from sinew.predict.validity import Check, doubt_broken_curves
 
 PREDICT = ("predict", "paper", "--pretension-mm", "4")
 OSCILLATOR = ("predict", "--oscillator", "inertia_kg_m2=0.01,frequency_hz=3,damping_ratio=0.05", "--torque-n-m", "0.1")

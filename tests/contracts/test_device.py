@@ -66,7 +66,7 @@ def test_designs_are_worth_in_a_batch_what_they_are_worth_alone() -> None:
     import jax
 
     from sinew.plan.toml import load_rig
-    from sinew.predict.joints.design import shear_modulus_of
+    from sinew.predict.design import shear_modulus_of
     from sinew.solve.programs import configure
     from sinew.tune.candidate import DesignTarget, frame_of, judge
 

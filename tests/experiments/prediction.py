@@ -17,9 +17,10 @@ from sinew.identify.joint.calibration import Calibration, calibrate
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.against import Comparison, compare, measured_of
-from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
+from sinew.predict.against import Against, hold_against, measured_of
+from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.solve.curves import predict
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 FITTED_MM = (0.0, 4.0, 8.0, 12.0)
@@ -28,14 +29,14 @@ FREQUENCY_SHARE, GAIN_SHARE = 0.01, 0.03
 
 @dataclass(frozen=True)
 class Outcome:
-    """calibration: from the few pretensions. comparison: of the prediction with all."""
+    """calibration: from the few pretensions. against: the prediction beside all."""
 
     calibration: Calibration
-    comparison: Comparison
+    against: Against
 
     def worst(self, name: str) -> float:
         """Return the largest relative error of a reading over the pretensions that were not fitted."""
-        return float(np.max(np.abs(self.comparison.readings[name].relative[~self.comparison.fitted])))
+        return self.against.scores["others"][name].largest
 
 
 def displaced(truth: RigSpec, seed: int) -> RigSpec:
@@ -52,15 +53,12 @@ def at_pretensions(recording: xr.Dataset, pretension_mm: Sequence[float]) -> xr.
     return part.assign_attrs(content_hash="")
 
 
-def predicted(recording: xr.Dataset, rig: RigSpec, fitted_mm: Sequence[float]) -> Comparison:
+def predicted(recording: xr.Dataset, rig: RigSpec, fitted_mm: Sequence[float]) -> Against:
     """Return what a rig predicts beside a recording."""
     measured = measured_of(recording, rig)
     band, pretension = measured.band_hz, measured.response.pretension_mm
-    assert measured.lever is not None
     command = joint_problem(rig, pretension, measured.amplitude_deg, band, mode=measured.mode)
-    lever = lever_problem(rig, measured.lever, band, mode=measured.mode)
-    both = [predict(one, band, RESOLUTION) for one in (command, lever)]
-    return compare(measured, both[0], both[1], fitted_mm)
+    return hold_against(measured, predict(command, band, RESOLUTION), rig, Effects(), fitted_mm)
 
 
 def run(plan: Plan, seed: int, start: int, fitted_mm: Sequence[float] = FITTED_MM) -> Outcome:

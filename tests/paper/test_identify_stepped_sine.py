@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.identify.stepped.fit import LevelPeak, ResponseFit, fit_response, peak_of_response
-from sinew.identify.stepped.points import ResponsePoints, make_points
+from sinew.identify.points import ResponsePoints, make_points
+from sinew.identify.steady_fit import LevelPeak, ResponseFit, fit_response, peak_of_response
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine"
 pytestmark = pytest.mark.skipif(

@@ -6,8 +6,7 @@ import pytest
 from sinew.measure.tasks import Spread
 from sinew.plan.check import check_plan
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import shear_modulus_of
-from sinew.predict.joints.material import load_material
+from sinew.predict.design import load_material, shear_modulus_of
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import ENOUGH, Effort, design_joints, plan_of
 

@@ -15,11 +15,10 @@ from sinew.measure.errors import SpecError
 from sinew.plan.plan import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, save_rig
-from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.material import load_material
-from sinew.predict.joints.section import circle_section, ellipse_section
+from sinew.predict.design import Design, design_rig, load_material
 from sinew.predict.modes import Asked, Finder
 from sinew.predict.multibody import Bodies, export_model, joint_bodies, write_mjcf
+from sinew.predict.section import circle_section, ellipse_section
 from sinew.tune.candidate import DesignTarget
 from sinew.tune.design import Draft, _rig, _with_window
 

@@ -15,7 +15,7 @@ from tests.unit.bent_signals import RATE_HZ, Motion, Rates, arc, bent_recording,
 
 from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.signals import read_signals
-from sinew.identify.joint.swing import swings_of
+from sinew.identify.joint.motion import swings_of
 from sinew.measure.attitude import gyro_share, tilt_from, torsion_of
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, build_recording

@@ -19,8 +19,8 @@ from sinew.measure.events import Contact
 from sinew.plan.plan import Plan, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, load_plan
-from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.section import rectangle_section
+from sinew.predict.design import Design, design_rig
+from sinew.predict.section import rectangle_section
 
 RATE_HZ = 200.0
 BENT = load_plan("bent")

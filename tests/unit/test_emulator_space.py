@@ -11,7 +11,7 @@ from sinew.emulator.joint import TICK_S
 from sinew.emulator.plant import JointPlant, Law
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import Design, design_rig
+from sinew.predict.design import Design, design_rig
 from sinew.solve.march import Swing, swing
 from sinew.solve.programs import configure
 from sinew.solve.spatial import Rest, bend, linear_equations, slow_down

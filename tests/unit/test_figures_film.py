@@ -8,7 +8,7 @@ import xarray as xr
 from PIL import Image
 from tests.unit.figures_sample import RECORD_S, SETTLE_S, sample_recording
 
-from sinew.figures import film
+from sinew.figures import motion as film
 from sinew.measure.errors import FileError, RecordingError
 
 

@@ -19,8 +19,8 @@ from sinew.figures.predicted import (
     write_prediction,
 )
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.validity import Check
 from sinew.predict.predicted import RigAsked, predicted_of
+from sinew.predict.validity import Check
 from sinew.solve.branch import Branch, Mark, Prediction
 
 

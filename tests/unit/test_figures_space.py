@@ -7,11 +7,11 @@ import pytest
 from matplotlib.axes import Axes
 from tests.unit.figures_panels import drawn
 
-from sinew.figures.space import draw_coupling, draw_over_pretension, draw_shapes
+from sinew.figures.space import draw_coupling, draw_over_pretension
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.section import ellipse_section
+from sinew.predict.design import Design, design_rig
 from sinew.predict.modes import Modes, find_modes
+from sinew.predict.section import ellipse_section
 
 pytestmark = pytest.mark.slow
 
@@ -61,15 +61,6 @@ def test_coupling_is_drawn_over_the_bend_beside_half_its_sine_hollow_where_a_ten
     for line in right.lines:
         if np.size(line.get_xdata()) == 2:
             assert np.asarray(line.get_ydata(), dtype=float)[0] == pytest.approx(1.0)
-
-
-def test_the_four_slowest_shapes_of_the_most_bent_taut_pose_are_drawn_with_their_frequencies(found: Modes) -> None:
-    panels = drawn(draw_shapes(found)).axes
-    (pose,) = [one for one in found.nominal if one.bend_deg == 20.0 and one.taut]
-    assert len(panels) == 4
-    for axes, mode in zip(panels, pose.modes, strict=False):
-        words = " ".join(text.get_text() for text in axes.texts) + axes.get_title() + axes.get_title("left")
-        assert f"{mode.frequency_hz:#.3g} Hz" in words
 
 
 def test_the_flat_side_of_an_oval_decides_which_sway_is_the_slower_one() -> None:

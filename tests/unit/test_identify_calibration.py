@@ -79,17 +79,13 @@ def test_a_rig_with_other_values_has_no_interval_left() -> None:
 # A rig from estimates
 
 
-def test_a_found_parameter_has_value_interval_origin_and_source() -> None:
+def test_a_found_parameter_has_value_interval_origin_and_source_and_all_others_are_as_they_were() -> None:
     rig, followed = calibrated_rig(RIG, RIG, {TENSION: Estimate(9.1234567, 0.3, 8.63, 9.61)}, [MONDAY], "mine")
     one = found(rig, TENSION)
     assert (one.value, one.interval90, one.origin) == (9.12346, (8.63, 9.61), "calibrated")
     assert one.note == "fitted to monday.nc (0123456789ab)"
     assert (rig.name, followed) == ("mine", ())
     assert parse_rig(dump_rig(rig)) == rig
-
-
-def test_what_was_not_found_is_as_it_was() -> None:
-    rig, _ = calibrated_rig(RIG, RIG, {TENSION: Estimate(9.1, 0.3, 8.6, 9.6)}, [MONDAY], "mine")
     assert {name for name, one in rig.parameters() if one != found(RIG, name)} == {TENSION}
 
 

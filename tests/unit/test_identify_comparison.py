@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -63,12 +62,10 @@ def test_the_cubic_spring_of_the_sweep_is_found_among_the_stiffness_laws() -> No
 
 
 @pytest.mark.slow
-def test_auto_chooses_stiffness_and_damping_of_a_decay() -> None:
-    assert compare_laws(split_record(dry(3), None, None)).best.model.name == "coulomb"
-
-
-def test_the_verdict_tells_how_the_residuals_of_the_winner_came_out() -> None:
-    assert "; residuals are white" in laws(viscous_decay(0.17, 3)).verdict
+def test_auto_chooses_stiffness_and_damping_of_a_decay_with_hysteresis_in_the_race() -> None:
+    found = compare_laws(split_record(dry(3), None, None))
+    assert found.best.model.name == "coulomb"
+    assert "bouc-wen" in [row.model.name for row in found.rows]
 
 
 def test_the_verdict_on_a_single_model_tells_of_its_residuals_too() -> None:
@@ -76,8 +73,9 @@ def test_the_verdict_on_a_single_model_tells_of_its_residuals_too() -> None:
     assert "residuals are not white" in found.verdict
 
 
-def test_dry_friction_that_adds_nothing_to_viscous_damping_is_bounded() -> None:
+def test_the_verdict_bounds_dry_friction_that_adds_nothing_and_tells_of_the_winners_residuals() -> None:
     found = laws(viscous_decay(0.17, 3))
+    assert "; residuals are white" in found.verdict
     assert found.dry_bound is not None
     assert 0 <= found.dry_bound < 0.8  # rad/s², what the dry decays of this page have
     assert "dry friction, if there is any, is below coulomb_rad_per_s2" in found.verdict
@@ -90,17 +88,14 @@ def drag_decay(seed: int) -> Record:
 
 
 @pytest.mark.slow
-def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
-    assert fit(drag_decay(1), "coulomb").parameters["coulomb_rad_per_s2"].high < 0
+def test_a_model_that_needs_negative_friction_beyond_its_interval_is_out_of_the_race() -> None:
+    numbers = fit(drag_decay(1), "coulomb").parameters
+    assert numbers["coulomb_rad_per_s2"].high < 0
+    assert impossible_numbers(numbers) == ["coulomb_rad_per_s2"]
+    assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb").parameters) == []
     found = laws(drag_decay(1))
     assert not found.best.model.law.sticks
     assert re.search(r"coulomb .*out of the race.* coulomb_rad_per_s2 = -", found.verdict)
-
-
-@pytest.mark.slow
-def test_a_negative_damping_number_is_impossible_only_beyond_its_interval() -> None:
-    assert impossible_numbers(fit(drag_decay(1), "coulomb").parameters) == ["coulomb_rad_per_s2"]
-    assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb").parameters) == []
 
 
 def test_residuals_are_asked_over_the_samples_that_taught() -> None:
@@ -196,27 +191,13 @@ def test_a_pendulum_is_told_from_springs() -> None:
     assert "a pendulum with viscous damping" in found.verdict
 
 
-@cache
-def in_metres() -> tuple[Comparison, list[tuple[float, float]]]:
+def test_a_motion_that_is_no_angle_is_not_tried_as_a_pendulum_and_every_fit_moves_the_progress() -> None:
     told: list[tuple[float, float]] = []
     split = split_record(replace(viscous_decay(0.1, 0), output_unit="m"), None, None)
-    return compare_laws(split, lambda done, total: told.append((done, total))), told
-
-
-def test_a_motion_that_is_no_angle_is_not_tried_as_a_pendulum() -> None:
-    assert all("pendulum" not in row.model.name for row in in_metres()[0].rows)
-
-
-def test_every_fit_of_the_race_moves_its_progress_to_the_end() -> None:
-    told = in_metres()[1]
+    found = compare_laws(split, lambda done, total: told.append((done, total)))
+    assert all("pendulum" not in row.model.name for row in found.rows)
     assert [done for done, _ in told[:-1]] == list(range(1, len(told)))
     assert told[-1][0] == told[-1][1] == len(told) - 1
-
-
-@pytest.mark.slow
-def test_hysteresis_has_a_row_beside_dry_friction() -> None:
-    found = compare_laws(split_record(dry(3), None, None))
-    assert "bouc-wen" in [row.model.name for row in found.rows]
 
 
 def test_two_and_a_half_swings_tell_fewer_numbers_than_many() -> None:

@@ -38,8 +38,10 @@ def test_the_frequency_of_a_step_response_is_that_of_its_ringing() -> None:
     assert dominant_omega(stepped(0.05)) == pytest.approx(OMEGA, rel=0.02)
 
 
-def test_a_step_response_is_told_what_its_jump_hides() -> None:
-    assert any("input jumps" in s and "10 ms" in s for s in suspicions(fit(stepped(0.1), "linear")))
+def test_a_step_response_is_told_what_its_jump_hides_and_its_sound_sensor_is_not_asked_after() -> None:
+    said = suspicions(fit(stepped(0.1), "linear"))
+    assert any("input jumps" in s and "10 ms" in s for s in said)
+    assert not any("sign" in s for s in said)
 
 
 def test_a_sine_and_a_decay_are_no_steps() -> None:
@@ -118,7 +120,3 @@ def test_a_base_that_is_measured_the_wrong_way_round_is_asked_after() -> None:
     sound, turned = (make_record(TIME, noisy(x, 1e-4, 3), side * base, **given) for side in (1.0, -1.0))
     assert any("with the input's sign reversed" in s for s in suspicions(fit(turned, "linear")))
     assert not any("sign" in s for s in suspicions(fit(sound, "linear")))
-
-
-def test_a_sound_sensor_is_not_asked_after() -> None:
-    assert not any("sign" in s for s in suspicions(fit(stepped(0.1), "linear")))

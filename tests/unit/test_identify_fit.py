@@ -39,21 +39,16 @@ def test_a_free_decay_gives_its_damping_within_four_standard_deviations(damping_
     assert off(fit(decay_record(damping_ratio), "linear").damping_ratio, damping_ratio) < 4
 
 
-def test_a_free_decay_gives_its_frequency_within_a_thousandth() -> None:
-    assert fit(decay_record(0.1), "linear").natural_frequency_hz.value == pytest.approx(3.0, rel=2e-3)
+def test_the_rest_position_of_a_decay_is_not_taken_for_motion_nor_for_frequency() -> None:
+    found = fit(decay_record(0.1), "linear")
+    assert off(found.nuisance["offset"], 0.02) < 4
+    assert found.natural_frequency_hz.value == pytest.approx(3.0, rel=2e-3)
 
 
-def test_the_rest_position_of_a_decay_is_not_taken_for_motion() -> None:
-    assert off(fit(decay_record(0.1), "linear").nuisance["offset"], 0.02) < 4
-
-
-def test_the_cubic_stiffness_of_the_sweep_is_within_its_interval_widened_twice() -> None:
-    cubic = fit(sweep_record(0), "cubic").parameters["cubic_n_m_per_rad3"]
-    assert off(cubic, 6.0) < 3.3
-
-
-def test_the_inertia_of_the_sweep_is_within_three_tenths_of_a_percent() -> None:
-    assert fit(sweep_record(0), "cubic").parameters["inertia_kg_m2"].value == pytest.approx(12.74e-3, rel=3e-3)
+def test_the_sweep_gives_its_cubic_stiffness_within_twice_the_interval_and_its_inertia_within_3_per_mille() -> None:
+    found = fit(sweep_record(0), "cubic").parameters
+    assert off(found["cubic_n_m_per_rad3"], 6.0) < 3.3
+    assert found["inertia_kg_m2"].value == pytest.approx(12.74e-3, rel=3e-3)
 
 
 def test_the_cubic_stiffness_without_noise_is_exact_to_one_in_ten_thousand() -> None:
@@ -79,21 +74,14 @@ def test_a_lever_gives_the_share_of_its_inertia(seen: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_absolute_motion_over_a_moving_base_is_told_from_the_relative_one() -> None:
+@pytest.mark.parametrize("frame", ["relative", "absolute"])
+def test_a_moving_base_gives_the_damping_and_whether_the_motion_over_it_is_absolute(frame: str) -> None:
     r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
-    given = {"excitation": "base", "output_unit": "rad", "input_unit": "rad"}
-    relative = make_record(SWEEP, noisy(r, 0.005, 4), lever(SWEEP), **given)
-    absolute = make_record(SWEEP, noisy(r + lever(SWEEP), 0.005, 4), lever(SWEEP), **given)
-    assert (fit(relative, "linear").frame, fit(absolute, "linear").frame) == ("relative", "absolute")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("absolute", [False, True])
-def test_a_moving_base_gives_the_damping(absolute: bool) -> None:
-    r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
-    output = noisy(r + absolute * lever(SWEEP), 0.005, 4)
+    output = noisy(r + (frame == "absolute") * lever(SWEEP), 0.005, 4)
     record = make_record(SWEEP, output, lever(SWEEP), excitation="base", output_unit="rad", input_unit="rad")
-    assert off(fit(record, "linear").damping_ratio, 0.1) < 4
+    found = fit(record, "linear")
+    assert found.frame == frame
+    assert off(found.damping_ratio, 0.1) < 4
 
 
 def test_a_late_output_is_put_right_by_its_stated_delay() -> None:

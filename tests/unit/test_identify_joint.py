@@ -7,8 +7,17 @@ from scipy.interpolate import CubicSpline
 
 from sinew.identify.identified import identified_joint
 from sinew.identify.joint.fit import JointFit, fit_joint
-from sinew.identify.joint.motion import lever_read_again, numbers_of, simulate_swings, steps_per_sample
-from sinew.identify.joint.swing import Swing, line_through, make_sieve, places_of, swings_of
+from sinew.identify.joint.motion import (
+    Swing,
+    lever_read_again,
+    line_through,
+    make_sieve,
+    numbers_of,
+    places_of,
+    simulate_swings,
+    steps_per_sample,
+    swings_of,
+)
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION, POSITION_LIMITED
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep

@@ -98,29 +98,21 @@ def test_records_that_are_fitted_together_have_the_density_of_all_their_residual
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_draws() -> None:
-    again = [sample_posterior(decay(), seed=4, draws=20, warmup=150, chains=4).draws for _ in range(2)]
+def test_the_same_seed_gives_the_same_draws_and_progress_is_told_up_to_the_last() -> None:
+    seen: list[tuple[float, float]] = []
+    note = lambda *now: seen.append(now)  # noqa: E731
+    again = [sample_posterior(decay(), seed=4, draws=20, warmup=150, chains=4, progress=note).draws for _ in range(2)]
     assert np.array_equal(again[0], again[1])
+    assert (seen[-1], len(seen)) == ((170, 170), 8)
 
 
 @pytest.mark.slow
-def test_draws_are_those_of_the_named_numbers() -> None:
+def test_draws_are_those_of_the_named_numbers_and_the_message_tells_how_the_chains_went() -> None:
     found = sampled()
+    assert found.message.startswith("2000 draws of 4 chains, R-hat at most 1.0")
     column = {name: found.draws[:, i] for i, name in enumerate(found.names)}
     expected = column["damping_per_s"] / (2 * np.sqrt(column["stiffness_per_s2"]))
     assert column["damping_ratio"] == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.slow
-def test_the_message_tells_how_the_chains_went() -> None:
-    assert sampled().message.startswith("2000 draws of 4 chains, R-hat at most 1.0")
-
-
-@pytest.mark.slow
-def test_progress_is_told_up_to_the_last_draw() -> None:
-    seen: list[tuple[float, float]] = []
-    sample_posterior(decay(), draws=20, warmup=150, chains=4, progress=lambda *now: seen.append(now))
-    assert (seen[-1], len(seen)) == ((170, 170), 4)
 
 
 def test_too_few_draws_are_refused() -> None:

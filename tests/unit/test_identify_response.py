@@ -11,8 +11,8 @@ from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
-from sinew.identify.stepped.fit import fit_response, squeeze_scatter
-from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, points_of_table
+from sinew.identify.points import ResponsePoints, make_points, points_of_response, points_of_table
+from sinew.identify.steady_fit import fit_response, squeeze_scatter
 from sinew.measure.errors import RecordingError, SpecError
 
 INERTIA = 12.74e-3
@@ -48,22 +48,17 @@ def points_of(excitation: str, seed: int = 0) -> ResponsePoints:
 
 
 @pytest.mark.parametrize("excitation", ["torque", "lever", "base"])
-def test_frequency_and_damping_of_a_linear_joint_come_back_under_any_excitation(excitation: str) -> None:
+def test_frequency_damping_and_inertias_of_a_linear_joint_come_back_under_any_excitation(excitation: str) -> None:
     found = fit_response(points_of(excitation), "linear")
+    told = {"torque": ("inertia_kg_m2", INERTIA), "lever": ("lever_inertia_ratio", 0.65)}
+    if excitation in told:
+        name, truth = told[excitation]
+        assert found.parameters[name].value == pytest.approx(truth, rel=1e-3)
+    assert found.frame == ("absolute" if excitation == "base" else "relative")
     assert (found.natural_frequency_hz.value, found.damping_ratio.value) == (
         pytest.approx(3.0, rel=3e-4),
         pytest.approx(0.08, rel=3e-3),
     )
-
-
-def test_a_torque_tells_the_inertia_and_a_lever_its_share_of_it() -> None:
-    inertia = fit_response(points_of("torque"), "linear").parameters["inertia_kg_m2"]
-    share = fit_response(points_of("lever"), "linear").parameters["lever_inertia_ratio"]
-    assert (inertia.value, share.value) == (pytest.approx(INERTIA, rel=1e-3), pytest.approx(0.65, rel=1e-3))
-
-
-def test_an_absolute_motion_over_a_moving_base_is_told_from_a_relative_one() -> None:
-    assert fit_response(points_of("base"), "linear").frame == "absolute"
 
 
 def test_a_rate_is_fitted_as_a_rate() -> None:
@@ -149,18 +144,11 @@ def test_fits_in_time_and_in_frequency_agree_on_the_same_stretches_within_their_
     assert max(map(abs, off.values())) < 3
 
 
-def test_a_linear_model_of_a_hardening_joint_is_told_by_its_residuals() -> None:
+def test_a_linear_model_of_a_hardening_joint_is_told_by_its_residuals_and_by_the_criterion() -> None:
     found = fit_response(response_points(hardening(0, np.deg2rad(0.05))), "linear")
     assert any("misses the points" in sentence for sentence in found.tests.sentences())
-
-
-def test_nothing_speaks_against_the_model_that_made_the_points() -> None:
     assert hardening_fit().tests.sentences() == ()
-
-
-def test_the_criterion_prefers_the_model_that_made_the_points() -> None:
-    points = response_points(hardening(0, np.deg2rad(0.05)))
-    assert hardening_fit().bic() < fit_response(points, "linear").bic() - 10
+    assert hardening_fit().bic() < found.bic() - 10
 
 
 @pytest.mark.slow

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA
 
-from sinew.identify.stepped.fit import ResponseFit, fit_response, peak_of_response
-from sinew.identify.stepped.oscillation import Drive, Laws, lagging, top_of_sweep
-from sinew.identify.stepped.points import make_points
+from sinew.identify.oscillation import Drive, Laws, lagging, top_of_sweep
+from sinew.identify.points import make_points
+from sinew.identify.steady_fit import ResponseFit, fit_response, peak_of_response
 from sinew.mechanics.laws import Cubic, Linear, Viscous
 
 INERTIA, CUBIC = 12.74e-3, 6.0

@@ -1,12 +1,10 @@
 """Several segments of one joint: which model they support, together."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from tests.unit.identify_signals import motion, noisy, viscous
 
-from sinew.identify.oscillator.comparison import Comparison, compare_segments
+from sinew.identify.oscillator.comparison import compare_segments
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import SpecError
 
@@ -29,36 +27,16 @@ def segment(frequency_hz: float, seed: int) -> Record:
     )
 
 
-@cache
-def segments() -> tuple[Record, ...]:
-    return tuple(segment(f, i) for i, f in enumerate(FREQUENCIES_HZ))
-
-
-@cache
-def compared() -> Comparison:
-    return compare_segments(segments(), ("linear", "loss-factor", "coulomb"))
-
-
 @pytest.mark.slow
-def test_the_damping_law_of_the_segments_is_found_and_decided() -> None:
-    assert (compared().best.model.name, compared().decided) == ("linear", True)
-
-
-@pytest.mark.slow
-def test_every_segment_is_held_out_once() -> None:
-    assert compared().rows[0].held_out.residual.size == sum(record.size for record in segments())
-
-
-@pytest.mark.slow
-def test_the_held_out_error_of_the_right_model_is_the_noise() -> None:
-    assert compared().rows[0].rmse_test == pytest.approx(0.002, rel=0.15)
-
-
-@pytest.mark.slow
-def test_the_verdict_tells_of_the_recording_and_of_the_residuals() -> None:
-    assert "residuals are" in compared().verdict
+def test_the_damping_law_is_found_with_every_segment_held_out_once_and_told_with_its_residuals() -> None:
+    segments = [segment(f, i) for i, f in enumerate(FREQUENCIES_HZ)]
+    compared = compare_segments(segments, ("linear", "loss-factor", "coulomb"))
+    assert (compared.best.model.name, compared.decided) == ("linear", True)
+    assert compared.rows[0].held_out.residual.size == sum(record.size for record in segments)
+    assert compared.rows[0].rmse_test == pytest.approx(0.002, rel=0.15)  # the noise
+    assert "residuals are" in compared.verdict
 
 
 def test_two_segments_are_too_few() -> None:
     with pytest.raises(SpecError, match="found 2 segments"):
-        compare_segments(segments()[:2], ("linear",))
+        compare_segments([segment(f, 0) for f in FREQUENCIES_HZ[:2]], ("linear",))

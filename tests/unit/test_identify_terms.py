@@ -12,7 +12,7 @@ from sinew.identify.oscillator.comparison import laws_to_try
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.model import MODELS, Fit, get_model
 from sinew.identify.oscillator.record import make_record
-from sinew.identify.stepped.points import ResponsePoints, make_points
+from sinew.identify.points import ResponsePoints, make_points
 from sinew.measure.errors import SpecError
 
 TIME = np.arange(0, 3, 0.01)

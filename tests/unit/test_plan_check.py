@@ -12,7 +12,7 @@ from sinew.measure.errors import SpecError
 from sinew.plan.check import Preview, check_plan, drive_reach, drive_reaches, refuse_beyond_limits, stages_of
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.joints.design import Design, design_rig
+from sinew.predict.design import Design, design_rig
 
 RIG = load_rig("paper").with_values({"drive.supply_voltage": 14.7, "silicone.loss_factor": 0.1})
 

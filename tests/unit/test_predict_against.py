@@ -12,11 +12,12 @@ from tests.unit.prony import complex_stiffness
 from sinew.analysis.signal.attitude import LeverMotion, measure_lever
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, build_recording
 from sinew.mechanics.joint import potential
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.against import Comparison, Reading, error_of, measured_of, met_at, scores_of
+from sinew.predict.against import PointRow, ReadingRow, measured_of, met, scores_of
 from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.solve.balance import Size
 from sinew.solve.curves import predict
@@ -25,7 +26,6 @@ from sinew.twin.parameters import Effects
 
 configure()
 SAMPLE_HZ, PERIODS = 400.0, 5
-NONE = np.zeros(0)
 
 
 def triangle(phase: Array) -> Array:
@@ -127,20 +127,23 @@ def test_what_cannot_be_compared_is_refused() -> None:
         measured_of(idle, rig())
 
 
-def reading(measured: list[float], predicted: list[float], std: float) -> Reading:
-    value = np.array(measured)
-    return Reading(value, np.full(value.shape, std), value - 2 * std, value + 2 * std, np.array(predicted))
+def rows() -> tuple[list[ReadingRow], list[PointRow]]:
+    """Return readings of a frequency and a phase at three pretensions, the rig fitted to the first of them."""
+    frequency = [met("resonance_hz", estimate(a, 0.02), b) for a, b in ((3.0, 3.03), (4.0, 4.0), (5.0, 4.9))]
+    phase = [met("phase_lag_deg", estimate(a, 0.2), b) for a, b in ((1.0, 1.1), (2.0, 1.9), (np.nan, np.nan))]
+    places = list(enumerate((0.0, 4.0, 8.0)))
+    return (
+        [ReadingRow(mm, i == 0, frequency[i], None, None, None, None) for i, mm in places],
+        [PointRow(mm, 3.0, i == 0, None, None, None, phase[i]) for i, mm in places],
+    )
 
 
-def comparison() -> Comparison:
-    frequency = reading([3.0, 4.0, 5.0], [3.03, 4.0, 4.9], 0.02)
-    phase = reading([1.0, 2.0, np.nan], [1.1, 1.9, np.nan], 0.2)
-    fitted = np.array([True, False, False])
-    return Comparison(np.array([0.0, 4.0, 8.0]), NONE, fitted, {"phase_lag_deg": phase}, {"resonance_hz": frequency})
+def estimate(value: float, std: float) -> Estimate:
+    return Estimate(value, std, value - 2 * std, value + 2 * std)
 
 
 def test_scores_are_relative_for_numbers_and_differences_for_angles() -> None:
-    scores = scores_of(comparison())
+    scores = scores_of(*rows())
     whole = scores["all"]["resonance_hz"]
     assert whole.count == 3
     assert whole.largest == pytest.approx(0.02)
@@ -149,26 +152,19 @@ def test_scores_are_relative_for_numbers_and_differences_for_angles() -> None:
     assert scores["all"]["phase_lag_deg"].rms == pytest.approx(0.1)
 
 
-def test_scores_tell_what_was_fitted_from_what_was_not() -> None:
-    scores = scores_of(comparison())
+def test_scores_tell_what_was_fitted_from_what_was_not_and_the_noise_of_the_measurement() -> None:
+    scores = scores_of(*rows())
     assert scores["fitted"]["resonance_hz"].largest == pytest.approx(0.01)
+    assert scores["fitted"]["resonance_hz"].noise == pytest.approx(3.03 / 3 * 0.02 / 3)
     assert scores["others"]["resonance_hz"].rms == pytest.approx(0.02 / math.sqrt(2))
     assert scores["others"]["phase_lag_deg"].count == 1
 
 
-def test_the_noise_of_a_score_is_that_of_the_measurement() -> None:
-    scores = scores_of(comparison())
-    assert scores["fitted"]["resonance_hz"].noise == pytest.approx(3.03 / 3 * 0.02 / 3)
-
-
 def test_an_error_has_the_interval_of_the_measurement_turned_round() -> None:
-    c = comparison()
-    met = met_at("resonance_hz", c.readings["resonance_hz"], (0,))
-    assert met is not None
-    assert (met.measured.value, met.predicted) == (3.0, 3.03)
-    assert met.error.value == pytest.approx(0.01)
-    assert met.error.low == pytest.approx(3.03 / 3.04 - 1)
-    assert met.error.high == pytest.approx(3.03 / 2.96 - 1)
-    assert met_at("phase_lag_deg", c.points["phase_lag_deg"], (2,)) is None
-    low, high = error_of("phase_lag_deg", c.points["phase_lag_deg"])[2:]
-    assert [low[0], high[0]] == pytest.approx([-0.3, 0.5])
+    [first, *_], [angle, _, none] = rows()
+    assert first.resonance_hz is not None
+    error = first.resonance_hz.error
+    assert (error.value, error.low, error.high) == pytest.approx((0.01, 3.03 / 3.04 - 1, 3.03 / 2.96 - 1))
+    assert none.phase_lag_deg is None
+    assert angle.phase_lag_deg is not None
+    assert [angle.phase_lag_deg.error.low, angle.phase_lag_deg.error.high] == pytest.approx([-0.3, 0.5])

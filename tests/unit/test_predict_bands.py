@@ -45,7 +45,6 @@ def hardening() -> Branch:
     return curves([oscillator(cubic=CUBIC)])[0]
 
 
-@pytest.mark.slow
 def test_a_band_of_a_linear_oscillator_has_the_quantiles_of_the_closed_form(
     linear: tuple[Branch, list[Branch]],
 ) -> None:
@@ -56,29 +55,24 @@ def test_a_band_of_a_linear_oscillator_has_the_quantiles_of_the_closed_form(
     assert amplitude.low == pytest.approx(ends.min(axis=0), rel=2e-3)
     assert amplitude.high == pytest.approx(ends.max(axis=0), rel=2e-3)
     assert amplitude.median == pytest.approx(linear_amplitude(AT_HZ, np.array(NATURAL_HZ)), rel=2e-3)
-
-
-def test_the_band_of_the_phase_has_the_quantiles_of_the_closed_form(linear: tuple[Branch, list[Branch]]) -> None:
-    phase = band_of(linear[0], linear[0], linear[1], AT_HZ).up[1]
+    phase = band.up[1]
     natural = norm.ppf([[0.95], [0.05]], NATURAL_HZ, STD_HZ)
     lag = np.arctan2(2 * DAMPING * natural * AT_HZ, natural**2 - AT_HZ**2)
     assert phase.low == pytest.approx(lag[0], abs=1e-3)
     assert phase.high == pytest.approx(lag[1], abs=1e-3)
 
 
-def test_the_interval_of_the_90_degree_point_is_that_of_the_natural_frequency(
+def test_the_intervals_of_the_90_degree_point_and_of_the_peak_are_those_of_the_closed_form(
     linear: tuple[Branch, list[Branch]],
 ) -> None:
-    found = band_of(linear[0], linear[0], linear[1]).phase_90
+    band = band_of(linear[0], linear[0], linear[1])
+    found = band.phase_90
     assert found is not None
     assert found.draws == DRAWS
     assert found.frequency_hz.value == pytest.approx(NATURAL_HZ, rel=1e-9)
     assert found.frequency_hz.low == pytest.approx(NATURAL_HZ - 1.645 * STD_HZ, abs=0.01 * STD_HZ)
     assert found.frequency_hz.std == pytest.approx(STD_HZ, rel=0.01)
-
-
-def test_the_interval_of_the_peak_is_that_of_the_closed_form(linear: tuple[Branch, list[Branch]]) -> None:
-    found = band_of(linear[0], linear[0], linear[1]).peak
+    found = band.peak
     assert found is not None
     share = np.sqrt(1 - 2 * DAMPING**2)
     assert found.frequency_hz.high == pytest.approx(share * (NATURAL_HZ + 1.645 * STD_HZ), abs=0.02 * STD_HZ)

@@ -15,11 +15,10 @@ from sinew.mechanics.silicone import compressive_load, silicone_energy, twist_ri
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
 from sinew.predict.band import spread_of
+from sinew.predict.design import Design, design_rig, fit_tensile, list_materials, load_material, section_of
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, section_of
-from sinew.predict.joints.material import fit_tensile, list_materials, load_material
-from sinew.predict.joints.section import annulus_section, circle_section, ellipse_section
-from sinew.predict.joints.validity import (
+from sinew.predict.section import annulus_section, circle_section, ellipse_section
+from sinew.predict.validity import (
     bonded_axial_factor,
     bonded_torsion_factor,
     check_joint,
@@ -34,7 +33,7 @@ from sinew.twin.simulate import rest_tension
 PAPER = load_rig("paper")
 ROOT = Path(__file__).resolve().parents[2]
 CURVES = ROOT.parent / "shared" / "data" / "silicone_tensile"
-TABLE = ROOT / "src" / "sinew" / "predict" / "joints" / "materials.toml"
+TABLE = ROOT / "src" / "sinew" / "predict" / "materials.toml"
 
 
 @pytest.mark.skipif(not CURVES.is_dir(), reason="the measured tensile curves are not here")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError, SpecError
-from sinew.predict.joints import section
-from sinew.predict.joints.section import (
+from sinew.predict import section
+from sinew.predict.section import (
     Outline,
     moments,
     outline,

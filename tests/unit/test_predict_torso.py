@@ -10,8 +10,8 @@ from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.rod import column_load
 from sinew.plan.check import mast_load
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.joints.validity import (
+from sinew.predict.design import section_of, shear_modulus_of
+from sinew.predict.validity import (
     Check,
     Loads,
     Torso,

@@ -6,7 +6,7 @@ import pytest
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec, moments_of
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import Design, design_rig
+from sinew.predict.design import Design, design_rig
 from sinew.twin.parameters import space_from_rig
 
 PAPER = load_rig("paper")

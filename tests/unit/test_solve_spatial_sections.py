@@ -11,8 +11,8 @@ from sinew.mechanics.rod import rod_poses, straight
 from sinew.mechanics.space import Space
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.section import ellipse_section
+from sinew.predict.design import Design, design_rig
+from sinew.predict.section import ellipse_section
 from sinew.solve.spatial import Mode, linear_equations, modes
 from sinew.twin.parameters import space_from_rig
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.unit.prony import complex_stiffness
 
-from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
+from sinew.identify.oscillation import Drive, Laws, oscillate
 from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
 from sinew.mechanics.silicone import prony_shares
 from sinew.solve.branch import FOLD, guesses, interpolated_peak

@@ -9,8 +9,8 @@ import pytest
 
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
-from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
-from sinew.predict.joints.section import annulus_section
+from sinew.predict.design import Design, design_rig, shear_modulus_of
+from sinew.predict.section import annulus_section
 from sinew.solve.programs import configure
 from sinew.tune.candidate import LIMITS, SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import (

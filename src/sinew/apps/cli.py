@@ -37,13 +37,13 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "recordings.identify:identify": (
         "sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json",
     ),
-    "joints.calibrate:calibrate": ("sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml",),
+    "joints.design:calibrate": ("sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml",),
     "joints.predict:predict": (
         "sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2",
         "sinew predict paper ring.toml --pretension-mm 0,6,12 --out out/compared",
         "sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json",
     ),
-    "joints.model:model": (
+    "joints.pose:model": (
         "sinew model paper --to matlab --pretension-mm 0,4,8 --out out/transfer.mat",
         "sinew model paper --pretension-mm 6 --bend-deg 10 --out bent.xml --json",
     ),

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from pandas.plotting import scatter_matrix
 
 from sinew.figures.page import Caption, Table, pictures, result_tables, write_page
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
@@ -20,9 +21,9 @@ from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.comparison import HeldOut, Split
 from sinew.identify.oscillator.model import Fit, free_mechanics, number_names, physical_numbers
 from sinew.identify.oscillator.record import Record, dominant_omega
-from sinew.identify.stepped.fit import ResponseFit, response_curve
+from sinew.identify.steady_fit import ResponseFit, response_curve
 from sinew.measure.arrays import Array, Mask, wrapped_lag
-from sinew.measure.estimate import NORMAL_90, NORMAL_95, pair, span, typeset
+from sinew.measure.estimate import NORMAL_95, span, typeset
 from sinew.measure.units import named_unit
 from sinew.mechanics.laws import NUMBERS
 
@@ -296,169 +297,68 @@ def draw_response_fit(fit: ResponseFit) -> Figure:
     return figure
 
 
-# The parameters of a fit become a cloud: values, covariance and, where there are any, draws.
+# What is known of the parameters together: draws by their covariance, or those of a posterior.
+
+_MOST = 6  # parameters
+_DRAWS = 500
+_LINE = 14  # characters
 
 
-@dataclass(frozen=True)
-class Cloud:
-    """What is known of several parameters together.
+def draws_of(found: Identified, seed: int = 0) -> pd.DataFrame:
+    """Return draws of what a fit determines, a column for each number with the words and the unit of its axis.
 
-    names: as in the document, m of them. value: shape (m,). covariance: shape (m, m). draws: shape (d, m), of a
-    posterior, or None. All in the units that the names state.
+    Of one degree of freedom in full where the inertia is known, else over the inertia; of a tendon joint its rig's
+    parameters. Draws are those of the posterior, where there is one, else normal by the covariance.
     """
-
-    names: tuple[str, ...]
-    value: Array
-    covariance: Array
-    draws: Array | None = None
-
-    @property
-    def std(self) -> Array:
-        """Return the standard deviations, shape (m,)."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), dtype=float)
-
-    @property
-    def correlation(self) -> Array:
-        """Return the correlations, shape (m, m)."""
-        std = np.maximum(self.std, 1e-300)
-        return np.asarray(np.clip(self.covariance / np.outer(std, std), -1.0, 1.0), dtype=float)
-
-    def take(self, kept: Sequence[int]) -> "Cloud":
-        """Return some of the parameters. kept: indices, in the order that is wanted."""
-        k = list(kept)
-        draws = None if self.draws is None else self.draws[:, k]
-        return Cloud(tuple(self.names[i] for i in k), self.value[k], self.covariance[np.ix_(k, k)], draws)
-
-    def drawn(self, names: Sequence[str], draws: ArrayLike) -> "Cloud":
-        """Return the same parameters by draws, shape (d, n), of numbers of these names; those drawn in no way left out.
-
-        The value becomes the median of the draws, the covariance theirs.
-        """
-        found, names = np.asarray(draws, dtype=float), list(names)
-        mine = tuple(name for name in self.names if name in names)
-        chosen = found[:, [names.index(name) for name in mine]]
-        return Cloud(mine, np.median(chosen, axis=0), np.atleast_2d(np.cov(chosen.T)), chosen)
-
-
-def cloud_of(fit: Fit) -> Cloud:
-    """Return the mechanical parameters of a fit, in full where the inertia is known, else over the inertia.
-
-    Numbers with an infinite variance are left out.
-    """
-    every, x = number_names(fit), fit.solution.values
+    rng = np.random.default_rng(seed)
+    if found.joint is not None:
+        names, count = joint_names(found.joint), len(found.joint.parameters)
+        value = np.array([one.value for one in found.joint.parameters.values()])
+        matrix = found.joint.covariance.matrix[:count, :count]
+        known = np.isfinite(np.diag(matrix)) & (np.diag(matrix) > 0)
+        drawn = rng.multivariate_normal(value[known], matrix[np.ix_(known, known)], _DRAWS)
+        return _labelled(pd.DataFrame(drawn, columns=np.array(names)[known]))
+    assert found.fit is not None
+    fit, every = found.fit, number_names(found.fit)
+    if found.draws is not None:
+        table = pd.DataFrame(found.draws.draws, columns=list(found.draws.names))
+    else:
+        known = np.isfinite(np.diag(fit.covariance.matrix))
+        x = np.tile(fit.solution.values, (_DRAWS, 1))
+        x[:, known] = rng.multivariate_normal(x[0, known], fit.covariance.matrix[np.ix_(known, known)], _DRAWS)
+        table = pd.DataFrame(physical_numbers(fit, x), columns=list(every))
     mechanical = free_mechanics(fit.model, fit.layout.parts[0].record)
     count = sum(entry.local in mechanical for entry in fit.layout.entries)
     without = tuple(name for name, number in NUMBERS.items() if not number.force)
     # `Fit.parameters` holds the numbers over the inertia first, then those in full where the inertia is known.
     over, full = every[:count], every[count : len(fit.parameters)]
     names = (*full, *(name for name in over if name.startswith(without))) if full else over
-    steps = 1e-6 * np.maximum(np.abs(x), 1e-3)
-    ends = [physical_numbers(fit, x + sign * np.diag(steps)) for sign in (1.0, -1.0)]
-    slope = ((ends[0] - ends[1]) / (2.0 * steps[:, None])).T[[every.index(name) for name in names]]
-    known = np.isfinite(np.diag(fit.covariance.matrix))
-    matrix = slope[:, known] @ fit.covariance.matrix[np.ix_(known, known)] @ slope[:, known].T
-    value = np.array([fit.parameters[name].value for name in names])
-    told = [i for i in range(len(names)) if not slope[i, ~known].any() and matrix[i, i] > 0]
-    return Cloud(tuple(names), value, matrix).take(told)
+    return _labelled(table[[name for name in names if name in table and fit.parameters[name].std > 0]])
 
 
-_REACH = 3.2  # standard deviations on the axes
-_MOST = 6
-_BINS = 34
-_LINE = 14  # characters
+def _labelled(table: pd.DataFrame) -> pd.DataFrame:
+    def label(name: str) -> str:
+        words, unit = parameter_label(name.rpartition(".")[2])  # a rig's without its section
+        return textwrap.fill(words, _LINE) + (f"\nin {unit}" if unit else "")
+
+    return table.rename(columns=label)
 
 
 @in_style
-def draw_corner(cloud: Cloud) -> Figure | None:
-    """Return the corner plot of a cloud, or None where fewer than two parameters are known.
-
-    On the diagonal the distribution of each parameter, below it the regions that hold 50 % and 90 % of each pair, above
-    it the correlations. Axes count standard deviations from the value in the title. Draws make histograms and points
-    beside the ellipses of the covariance. Of more than six parameters the first six are drawn.
-    """
-    cloud = cloud.take(range(min(len(cloud.names), _MOST)))
-    m = len(cloud.names)
-    if m < 2:
+def draw_corner(draws: pd.DataFrame) -> Figure | None:
+    """Return the draws of each pair of parameters, and a histogram of each, or None of fewer than two parameters. Of
+    more than six the first six are drawn."""
+    draws = draws.iloc[:, :_MOST]
+    size = draws.shape[1]
+    if size < 2:
         return None
-    figure = new_figure(0.6 + 1.15 * m)
-    grid = figure.subplots(m, m, squeeze=False)
-    for row in range(m):
-        for column in range(m):
-            axes = grid[row, column]
-            if column > row:
-                axes.axis("off")
-                told = f"ρ = {cloud.correlation[row, column]:.2f}".replace("-", "−")
-                axes.text(0.5, 0.5, told, ha="center", va="center", color=INK, transform=axes.transAxes)
-                continue
-            if row == column:
-                _draw_alone(axes, cloud, row)
-            else:
-                _draw_pair(axes, cloud, column, row)
-            _name_axes(axes, cloud, row, column)
-    figure.supxlabel("standard deviations from the value", fontsize=8.5)
+    figure = new_figure(0.6 + 1.15 * size)
+    panels = figure.subplots(size, size, squeeze=False)
+    scatter_matrix(draws, ax=panels, color=ACCENT, alpha=0.3, s=6, hist_kwds={"color": ACCENT, "bins": 30})
+    for axes in panels.flat:
+        axes.grid(visible=False)
+        axes.tick_params(axis="x", rotation=45)
     return figure
-
-
-def _name_axes(axes: Axes, cloud: Cloud, row: int, column: int) -> None:
-    last, ticks = len(cloud.names) - 1, (-2, 0, 2)
-    axes.set_xlim(-_REACH, _REACH)
-    axes.set_xticks(ticks)
-    axes.grid(visible=False)
-    if row == column:
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-    else:
-        axes.set_ylim(-_REACH, _REACH)
-        axes.set_yticks(ticks)
-    axes.tick_params(labelbottom=row == last, labelleft=column == 0 and row > 0)
-    if row == last:
-        axes.set_xlabel(_words(cloud.names[column]))
-    if column == 0 and row > 0:
-        axes.set_ylabel(_words(cloud.names[row]))
-
-
-def _words(name: str) -> str:
-    """Return what a parameter is called in lines short enough for a panel, a rig's without its section."""
-    return textwrap.fill(parameter_label(name.rpartition(".")[2])[0], _LINE)
-
-
-def _draw_alone(axes: Axes, cloud: Cloud, k: int) -> None:
-    unit = parameter_label(cloud.names[k])[1]
-    value, spread = typeset(pair(float(cloud.value[k]), float(cloud.std[k]))).split(" ± ")
-    axes.set_title(f"{_words(cloud.names[k])}\n{value} {unit}".rstrip() + f"\n± {spread}", loc="center", fontsize=8.0)
-    if cloud.draws is not None:
-        off = (cloud.draws[:, k] - cloud.value[k]) / cloud.std[k]
-        axes.hist(off, bins=_BINS, range=(-_REACH, _REACH), color=ACCENT, alpha=0.45)
-        ends = np.quantile(off, [0.05, 0.95])
-    else:
-        fine = np.linspace(-_REACH, _REACH, 161)
-        bell, ends = np.exp(-0.5 * fine**2), np.array([-NORMAL_90, NORMAL_90])
-        axes.plot(fine, bell, color=ACCENT)
-        inside = np.abs(fine) <= NORMAL_90
-        axes.fill_between(fine[inside], 0, bell[inside], color=ACCENT, alpha=0.25, linewidth=0)
-    for end in ends:
-        axes.axvline(float(end), color=GREY, linestyle=":", linewidth=0.9)
-    axes.set_ylim(bottom=0)
-
-
-def _draw_pair(axes: Axes, cloud: Cloud, x: int, y: int) -> None:
-    for share, alpha in ((0.9, 0.22), (0.5, 0.45)):
-        axes.fill(*ellipse(cloud.correlation[np.ix_([x, y], [x, y])], share), color=ACCENT, alpha=alpha, linewidth=0)
-    if cloud.draws is not None:
-        right, up = ((cloud.draws[:, [x, y]] - cloud.value[[x, y]]) / cloud.std[[x, y]]).T
-        axes.plot(right, up, ".", color=GREY, markersize=1.0, alpha=0.35, rasterized=True)
-    axes.plot(0, 0, "+", color=INK, markersize=6)
-
-
-def ellipse(covariance: Array, share: float) -> Array:
-    """Return the outline of the ellipse that holds a share of a normal distribution about zero, shape (2, 121).
-
-    covariance: shape (2, 2). Its squared radius in standard deviations is -2 ln(1 - share) (chi square, two degrees).
-    """
-    size, turned = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * np.pi, 121)
-    circle = np.sqrt(-2.0 * np.log1p(-share)) * np.stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(turned @ (np.sqrt(np.maximum(size, 0.0))[:, None] * circle))
 
 
 # Each figure of an identification gets its words, and the page its tables.
@@ -475,16 +375,14 @@ FIT_CAPTIONS = {
         "Residuals",
         "(a) Measured less fitted over time. (b) Its autocorrelation: the band holds 95 % of the bars where they are "
         "white noise; bars far outside mean that the model misses something, and the intervals above are widened for "
-        "it. (c) Size of the residuals in each period against the amplitude there: a trend means a law that depends on "
-        "amplitude. (d) Their distribution beside a normal one of the same spread.",
-        "Four panels: residuals over time, autocorrelation with band, size over amplitude, histogram.",
+        "it. The verdict says whether their size goes with amplitude or frequency.",
+        "Two panels: residuals over time, and their autocorrelation with its band.",
     ),
     "corner": Caption(
         "What is known of the parameters together",
-        "On the diagonal each parameter alone, 90 % between the dotted lines; below it the regions that hold 50 % and "
-        "90 % of each pair, above it the correlation. A narrow slanting region means that the record tells a "
-        "combination of the two better than either. Axes count standard deviations from the value in the title.",
-        "A triangle of panels: distributions of the parameters on the diagonal, regions of pairs below it.",
+        "Draws of the parameters as likely as the fit says: each alone on the diagonal, each pair beside it. A narrow "
+        "slanting cloud means that the record tells a combination of the two better than either.",
+        "A square of panels: histograms of the parameters on the diagonal, clouds of pairs beside it.",
     ),
     "response": Caption(
         "Steady states and fit",
@@ -544,14 +442,12 @@ def draw_residuals(traces: Sequence[Trace], frequency_hz: float) -> Figure:
     """Return the figure of measured less fitted.
 
     traces: of a fit, several segments one behind the other. frequency_hz: whose period makes lags and blocks.
-    The autocorrelation and the histogram are of the fitted samples, held-out ones are drawn in another colour.
+    The autocorrelation is of the fitted samples, held-out ones are drawn in another colour.
     """
-    figure = new_figure(4.6)
-    (over, lags), (against, spread) = figure.subplots(2, 2)
+    figure = new_figure(2.6)
+    over, lags = figure.subplots(1, 2)
     _draw_over_time(over, traces)
     _draw_lags(lags, traces, frequency_hz)
-    _draw_amplitudes(against, traces, frequency_hz)
-    _draw_histogram(spread, traces)
     return figure
 
 
@@ -617,83 +513,21 @@ def _draw_lags(axes: Axes, traces: Sequence[Trace], frequency_hz: float) -> None
     note_panel(axes, "b", "autocorrelation")
 
 
-def _draw_amplitudes(axes: Axes, traces: Sequence[Trace], frequency_hz: float) -> None:
-    factor, size = shown_unit(traces[0].unit)[0], max(4, round(1.0 / frequency_hz / _step(traces)))
-    for held, colour in ((False, ACCENT), (True, RED)):
-        points = [point for trace in traces for point in _blocks(trace, size, held)]
-        if points:
-            axes.plot(*(factor * np.array(points)).T, "o", color=colour, markersize=3.0, alpha=0.6, markeredgewidth=0)
-    axes.set_xlabel(axis_label("amplitude of the output", traces[0].unit))
-    axes.set_ylabel(axis_label("rms of residuals", traces[0].unit))
-    axes.set_xlim(left=0)
-    axes.set_ylim(bottom=0)
-    note_panel(axes, "c", "against amplitude, each period a point")
-
-
-def _blocks(trace: Trace, size: int, held: bool) -> list[tuple[float, float]]:
-    """Return (amplitude of the output, rms of the residuals) of every whole period that is all held out, or not."""
-    found = []
-    for begin in range(0, trace.time_s.size - size + 1, size):
-        block = slice(begin, begin + size)
-        if np.all(trace.held[block] == held):
-            rms = float(np.sqrt(np.mean(trace.residual[block] ** 2)))
-            found.append((float(np.sqrt(2.0) * trace.measured[block].std()), rms))
-    return found
-
-
-def _draw_histogram(axes: Axes, traces: Sequence[Trace]) -> None:
-    factor = shown_unit(traces[0].unit)[0]
-    values = factor * np.concatenate([trace.residual[~trace.held] for trace in traces])
-    count, edges, _ = axes.hist(values, bins=int(np.clip(np.sqrt(values.size), 8, 40)), color=ACCENT, alpha=0.45)
-    mean, std = float(values.mean()), float(values.std())
-    fine = np.linspace(mean - 4 * std, mean + 4 * std, 200)
-    width = float(edges[1] - edges[0])
-    bell = values.size * width * np.exp(-0.5 * ((fine - mean) / max(std, 1e-300)) ** 2) / max(std, 1e-300)
-    axes.plot(fine, bell / np.sqrt(2 * np.pi), color=INK, linewidth=1.1, label="normal, same spread")
-    axes.set_ylim(top=1.25 * max(float(np.max(count)), float(bell.max() / np.sqrt(2 * np.pi))))
-    axes.set_xlabel(axis_label("measured less fitted", traces[0].unit))
-    axes.set_ylabel("samples")
-    axes.legend(loc="upper right", borderaxespad=0.1)
-    note_panel(axes, "d", "distribution")
-
-
 # An identification's figures.
 
 
 def draw_identified(found: Identified) -> dict[str, Figure]:
     """Return the figures of an identification, by name: those of `FIT_CAPTIONS` that it has."""
-    drawn = _joint_figures(found.joint) if found.joint is not None else {}
-    if found.fit is not None:
-        drawn = _fit_figures(found, found.fit)
     if found.response is not None:
-        drawn = {"response": draw_response_fit(found.response)}
-    return {name: figure for name, figure in drawn.items() if figure is not None}
-
-
-def _fit_figures(found: Identified, fit: Fit) -> dict[str, Figure | None]:
-    frequency = fit.natural_frequency_hz.value
-    if not math.isfinite(frequency):
-        frequency = dominant_omega(fit.records[0]) / (2 * math.pi)
-    traces = traces_of(fit, found.split, found.held_out)
-    cloud = cloud_of(fit)
-    if found.draws is not None:
-        cloud = cloud.drawn(found.draws.names, found.draws.draws)
-    return {
-        "fit_data": draw_fit(traces, frequency),
-        "residuals": draw_residuals(traces, frequency),
-        "corner": draw_corner(cloud),
-    }
-
-
-def _joint_figures(joint: JointFit) -> dict[str, Figure | None]:
-    traces = traces_of_joint(joint)
-    first = joint.at_pretension("natural_frequency_hz", joint.pretension_mm[0]).value
-    count = len(joint.parameters)
-    value = np.array([one.value for one in joint.parameters.values()])
-    cloud = Cloud(joint_names(joint), value, joint.covariance.matrix[:count, :count])
-    kept = [k for k in range(count) if np.isfinite(cloud.covariance[k, k]) and cloud.covariance[k, k] > 0]
-    return {
-        "fit_data": draw_fit(traces, first, "rate"),
-        "residuals": draw_residuals(traces, first),
-        "corner": draw_corner(cloud.take(kept)),
-    }
+        return {"response": draw_response_fit(found.response)}
+    if found.joint is not None:
+        traces, output = traces_of_joint(found.joint), "rate"
+    else:
+        assert found.fit is not None
+        traces, output = traces_of(found.fit, found.split, found.held_out), "output"
+    frequency = found.natural_frequency_hz.value
+    if not math.isfinite(frequency) and found.fit is not None:
+        frequency = dominant_omega(found.fit.records[0]) / (2 * math.pi)
+    drawn = {"fit_data": draw_fit(traces, frequency, output), "residuals": draw_residuals(traces, frequency)}
+    corner = draw_corner(draws_of(found))
+    return drawn if corner is None else drawn | {"corner": corner}

@@ -2,20 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 from sinew.figures.page import Caption, pictures, result_tables, write_page
-from sinew.figures.response import along_ridge
+from sinew.figures.response import along_ridge, draw_map, map_bar
 from sinew.figures.style import (
     ACCENT,
     GREEN,
@@ -35,10 +33,10 @@ from sinew.identify.forced import Forced
 from sinew.measure.arrays import Array
 from sinew.measure.files.netcdf import provenance
 from sinew.measure.result import Result
-from sinew.predict.against import Comparison, Reading, error_of
+from sinew.predict.against import Against, Met, PointRow
 from sinew.predict.band import Band, Tube
 from sinew.predict.predicted import Compared, Predicted
-from sinew.solve.branch import Branch
+from sinew.solve.branch import Branch, Mark
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
 UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
@@ -57,11 +55,24 @@ class Curves:
         """Return half of peak to peak [rad] over the amplitude of the drive's command."""
         return np.asarray(amplitude) / math.radians(self.amplitude_deg)
 
+    def ridge(self) -> Array:
+        """Return resonance [Hz], pretension [mm] and gain there of each branch, NaN without a peak, (3, p)."""
+        none = Mark(math.nan, math.nan, math.nan)
+        hertz, amplitude, _ = np.array([astuple(b.peak or none) for b in self.branches]).T
+        return np.stack([hertz, np.array(self.pretension_mm), self.gain(amplitude)])
+
 
 def curves_of(found: Predicted) -> Curves:
     """Return the curves of a rig's prediction."""
     asked = found.asked
     return Curves(found.rig, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
+
+
+def in_order(curves: Curves) -> Curves:
+    """Return curves in the order of their pretensions."""
+    order = np.argsort(curves.pretension_mm)
+    branches = tuple(curves.branches[i] for i in order)
+    return replace(curves, pretension_mm=tuple(sorted(curves.pretension_mm)), branches=branches)
 
 
 @in_style
@@ -279,9 +290,9 @@ def draw_comparison(rigs: list[Curves]) -> Figure:
     figure = new_figure(sum(heights))
     above, below = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=heights))
     left, right = above.subplots(1, 2)
-    _draw_marks(left, rigs, "frequency_hz")
+    _draw_marks(left, rigs, 0)
     left.set(xlabel="pretension in mm", ylabel="resonance in Hz")
-    _draw_marks(right, rigs, "gain")
+    _draw_marks(right, rigs, 2)
     right.set(xlabel="pretension in mm", ylabel="gain at resonance", ylim=(0, None))
     note_panel(left, "a", "resonance")
     note_panel(right, "b", "gain at resonance")
@@ -315,33 +326,18 @@ def label_outer(panels: list[Axes], count: int, across: int) -> None:
             axes.set_ylabel("")
 
 
-def _draw_marks(axes: Axes, rigs: list[Curves], what: str) -> None:
-    """Draw frequency or gain of the peaks over pretension, a line for each rig."""
-    for i, curves in enumerate(rigs):
-        values = [
-            np.nan
-            if b.peak is None
-            else float(b.peak.frequency_hz if what == "frequency_hz" else curves.gain(b.peak.amplitude))
-            for b in curves.branches
-        ]
-        order = np.argsort(curves.pretension_mm)
-        axes.plot(
-            np.asarray(curves.pretension_mm)[order],
-            np.asarray(values)[order],
-            color=_COLOURS[i % len(_COLOURS)],
-            marker=MARKERS[i % len(MARKERS)],
-            markeredgecolor="white",
-            markeredgewidth=0.5,
-            label=curves.name,
-        )
+def _draw_marks(axes: Axes, rigs: list[Curves], row: int) -> None:
+    """Draw a row of `Curves.ridge` over pretension, a line for each rig."""
+    for i, curves in enumerate(map(in_order, rigs)):
+        ridge, colour = curves.ridge(), _COLOURS[i % len(_COLOURS)]
+        (line,) = axes.plot(ridge[1], ridge[row], color=colour, marker=MARKERS[i % len(MARKERS)], label=curves.name)
+        line.set(markeredgecolor="white", markeredgewidth=0.5)
     axes.tick_params(colors=INK)
 
 
 # The predicted gain is drawn over frequency and pretension, a map for each rig.
 
-_MAP_COLOURS = "cividis"
 _FREQUENCIES = 241
-_LEVELS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0)
 _MAP_ACROSS = 2
 _ONE_ROW = 3
 _FEWEST = 3
@@ -355,7 +351,7 @@ def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
     The red line with rings is the ridge: the resonance at each predicted pretension. Between pretensions the map
     follows it.
     """
-    rigs = [curves for curves in rigs if len(set(curves.pretension_mm)) >= _FEWEST]
+    rigs = [in_order(curves) for curves in rigs if len(set(curves.pretension_mm)) >= _FEWEST]
     if not rigs:
         return None
     across = len(rigs) if len(rigs) <= _ONE_ROW else _MAP_ACROSS
@@ -365,47 +361,23 @@ def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
     maps = [_map(curves) for curves in rigs]
     top = max(float(np.nanmax(gain)) for *_, gain in maps)
     for i, (axes, curves, found) in enumerate(zip(panels, rigs, maps, strict=False)):
-        last = _draw(axes, *found, top)
-        ridge = np.array([np.nan if b.peak is None else b.peak.frequency_hz for b in curves.branches])
-        order = np.argsort(curves.pretension_mm)
-        where = (ridge[order], np.asarray(curves.pretension_mm)[order])
-        halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
-        axes.plot(*where, color=RED, linewidth=1.6, path_effects=halo, zorder=4)
-        axes.plot(*where, "o", color="white", markersize=3, markeredgecolor=INK, zorder=5, clip_on=False)
+        last = draw_map(axes, *found, list(curves.ridge()[:2]), top)
         note_panel(axes, chr(ord("a") + i) if len(rigs) > 1 else "", shortened(curves.name, across))
-        axes.set(xlabel="drive frequency in Hz", ylabel="pretension in mm")
     label_outer(list(panels), len(rigs), across)
-    bar = figure.colorbar(last, ax=list(panels[: len(rigs)]), label="gain", aspect=28, pad=0.02)
-    bar.outline.set_visible(False)
+    map_bar(figure, last, list(panels[: len(rigs)]))
     return figure
 
 
 def _map(curves: Curves) -> tuple[Array, Array, Array]:
     """Return frequency [Hz], pretension [mm] and gain, all (p, s), on a mesh along the ridge."""
-    order = np.argsort(curves.pretension_mm)
-    pretension = np.asarray(curves.pretension_mm)[order]
-    branches = [curves.branches[i] for i in order]
-    low = max(float(b.frequency_hz.min()) for b in branches)
-    high = min(float(b.frequency_hz.max()) for b in branches)
+    low = max(float(b.frequency_hz.min()) for b in curves.branches)
+    high = min(float(b.frequency_hz.max()) for b in curves.branches)
     frequency = np.linspace(low, high, _FREQUENCIES)
-    ordered = Curves(curves.name, tuple(pretension.tolist()), tuple(branches), curves.amplitude_deg)
-    ridge = np.array([np.nan if b.peak is None else b.peak.frequency_hz for b in branches])
+    pretension = np.array(curves.pretension_mm)
     fine = np.linspace(pretension[0], pretension[-1], 4 * (len(pretension) - 1) + 1)
-    x, gain = along_ridge(frequency, upper_gain(ordered, frequency), ridge)
+    x, gain = along_ridge(frequency, upper_gain(curves, frequency), curves.ridge()[0])
     across = [np.array([np.interp(fine, pretension, column) for column in values.T]).T for values in (x, gain)]
     return across[0], np.broadcast_to(fine[:, None], across[0].shape), across[1]
-
-
-def _draw(axes: Axes, x: Array, y: Array, gain: Array, top: float) -> QuadMesh:
-    axes.grid(False)
-    mesh = axes.pcolormesh(x, y, gain, cmap=_MAP_COLOURS, vmin=0, vmax=top, shading="gouraud", rasterized=True)
-    levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
-    if levels:
-        lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
-        told = [level for level in levels if level <= 0.45 * top]  # the others are too close for a number between them
-        for text in axes.clabel(lines, levels=told, fmt="%g", fontsize=8):
-            text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
-    return mesh
 
 
 # Each figure of a prediction gets its words.
@@ -510,7 +482,7 @@ def _figures_of(found: Predicted | Compared | Forced) -> dict[str, Figure | None
         "predicted_response": draw_predicted(curves),
         "predicted_map": draw_predicted_map([curves]),
         "predicted_bands": draw_bands(curves, found.tubes) if found.tubes else None,
-        "predicted_against": None if found.against is None else draw_against(found.against.comparison),
+        "predicted_against": None if found.against is None else draw_against(found.against),
     }
 
 
@@ -521,7 +493,7 @@ _POINT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6,
 
 
 @in_style
-def draw_against(comparison: Comparison) -> Figure:
+def draw_against(found: Against) -> Figure:
     """Return the overlay of a prediction on a recording.
 
     (a) and (b): gain by the command and lag behind the lever, points measured with 90 % intervals, lines predicted.
@@ -530,15 +502,26 @@ def draw_against(comparison: Comparison) -> Figure:
     """
     figure = new_figure(5.6)
     (upper_left, upper_right), (lower_left, lower_right) = figure.subplots(2, 2)
-    lag = "phase_lag_deg" if "phase_lag_deg" in comparison.points else "phase_from_command_deg"
-    _draw_curves(upper_left, comparison, comparison.points["gain"])
+    lag = "phase_lag_deg" if any(row.phase_lag_deg for row in found.points) else "phase_from_command_deg"
+    pretensions = sorted({row.pretension_mm for row in found.points})
+    colours = pretension_colours(pretensions)
+    for i, (mm, colour) in enumerate(zip(pretensions, colours, strict=True)):
+        rows = [row for row in found.points if row.pretension_mm == mm]
+        if i in few(len(colours), _SHOWN):
+            _draw_curve(upper_left, rows, "gain", colour)
+            _draw_curve(upper_right, rows, lag, colour)
+        off = [(row.frequency_hz, 100 * row.gain.error.value) for row in rows if row.gain is not None]
+        if off:
+            lower_left.plot(
+                *zip(*off, strict=True), **_POINT, color=colour, markerfacecolor=_face(rows[0].fitted, colour)
+            )
     upper_left.legend(handles=_keys("measured, fitted to", "measured, not fitted to", "predicted"), fontsize=7.5)
-    _draw_curves(upper_right, comparison, comparison.points[lag])
     upper_left.set(ylabel="gain: torsion amplitude / command", ylim=(0, None))
     upper_right.set(ylabel="lag of torsion behind lever in degrees")
     upper_right.set_yticks(range(0, 181, 45))
-    _draw_errors(lower_left, comparison)
-    _draw_readings(lower_right, comparison)
+    lower_left.axhline(0, color=INK, linewidth=0.7)
+    lower_left.set_ylabel("predicted over measured, less one, in %")
+    _draw_readings(lower_right, found)
     for axes, letter, text in (
         (upper_left, "a", "gain"),
         (upper_right, "b", "phase"),
@@ -548,58 +531,38 @@ def draw_against(comparison: Comparison) -> Figure:
         note_panel(axes, letter, text)
     for axes in (upper_left, upper_right, lower_left):
         axes.set_xlabel("drive frequency in Hz")
-    pretension_bar(figure, (upper_left, upper_right, lower_left, lower_right), comparison.pretension_mm)
+    pretension_bar(figure, (upper_left, upper_right, lower_left, lower_right), pretensions)
     return figure
 
 
-def _draw_curves(axes: Axes, comparison: Comparison, reading: Reading) -> None:
-    """Draw measured points under predicted lines, of a few pretensions where there are many."""
-    colours = pretension_colours(comparison.pretension_mm)
-    for i in few(len(colours), _SHOWN):
-        bars = np.stack([reading.measured[i] - reading.low[i], reading.high[i] - reading.measured[i]])
-        axes.errorbar(
-            comparison.frequency_hz,
-            reading.measured[i],
-            np.nan_to_num(np.maximum(bars, 0.0)),
-            **_POINT,
-            color=colours[i],
-            markerfacecolor=_face(comparison.fitted[i], colours[i]),
-            elinewidth=0.6,
-        )
-        known = np.isfinite(reading.predicted[i])
-        axes.plot(comparison.frequency_hz[known], reading.predicted[i][known], color=colours[i], linewidth=1.1)
+def _draw_curve(axes: Axes, rows: Sequence[PointRow], name: str, colour: Array) -> None:
+    """Draw the measured points of one pretension under the predicted line."""
+    known: list[tuple[float, Met]] = [(row.frequency_hz, one) for row in rows if (one := getattr(row, name))]
+    if not known:
+        return
+    hertz, value = ([hz for hz, _ in known], np.array([one.measured.value for _, one in known]))
+    ends = np.array([(one.measured.low, one.measured.high) for _, one in known]).T
+    bars = np.nan_to_num(np.maximum(np.stack([value - ends[0], ends[1] - value]), 0.0))
+    face = _face(rows[0].fitted, colour)
+    axes.errorbar(hertz, value, bars, **_POINT, color=colour, markerfacecolor=face, elinewidth=0.6)
+    axes.plot(hertz, [one.predicted for _, one in known], color=colour, linewidth=1.1)
 
 
-def _draw_errors(axes: Axes, comparison: Comparison) -> None:
-    error = 100 * error_of("gain", comparison.points["gain"])[0]
-    for row, colour, fitted in zip(error, pretension_colours(comparison.pretension_mm), comparison.fitted, strict=True):
-        axes.plot(comparison.frequency_hz, row, **_POINT, color=colour, markerfacecolor=_face(fitted, colour))
-    axes.axhline(0, color=INK, linewidth=0.7)
-    axes.set_ylabel("predicted over measured, less one, in %")
-
-
-def _draw_readings(axes: Axes, comparison: Comparison) -> None:
+def _draw_readings(axes: Axes, found: Against) -> None:
     """Draw the errors of frequency and gain of the peak over pretension, with the measurement's 90 % interval."""
     axes.axhline(0, color=INK, linewidth=0.7)
     axes.set(xlabel="pretension in mm", ylabel="predicted over measured, less one, in %")
-    if not comparison.readings:
+    if not found.resonance:
         axes.text(0.5, 0.5, "too few frequencies for a resonance", transform=axes.transAxes, ha="center", color=GREY)
         return
-    step = float(np.min(np.diff(comparison.pretension_mm), initial=1.0)) / 8
+    step = float(np.min(np.diff([row.pretension_mm for row in found.resonance]), initial=1.0)) / 8
     for name, colour, marker, aside in (("resonance_hz", ACCENT, "o", -step), ("gain_peak", RED, "s", step)):
-        error, _, low, high = (100 * part for part in error_of(name, comparison.readings[name]))
-        for i, fitted in enumerate(comparison.fitted):
-            bar = np.nan_to_num([[max(error[i] - low[i], 0.0)], [max(high[i] - error[i], 0.0)]])
-            axes.errorbar(
-                comparison.pretension_mm[i] + aside,
-                error[i],
-                bar,
-                color=colour,
-                marker=marker,
-                markersize=3.6,
-                markerfacecolor=_face(fitted, colour),
-                elinewidth=0.7,
-            )
+        for row in found.resonance:
+            if (one := getattr(row, name)) is not None:
+                error = one.error.times(100)
+                bar = np.nan_to_num([[max(error.value - error.low, 0.0)], [max(error.high - error.value, 0.0)]])
+                made = axes.errorbar(row.pretension_mm + aside, error.value, bar, color=colour, elinewidth=0.7)
+                made[0].set(marker=marker, markersize=3.6, markerfacecolor=_face(row.fitted, colour))
     keys = [
         Line2D([], [], color=ACCENT, linestyle="none", marker="o", markersize=3.6, label="frequency"),
         Line2D([], [], color=RED, linestyle="none", marker="s", markersize=3.6, label="gain"),

@@ -1,13 +1,14 @@
 """Figures over frequency: gain and phase of a sweep, its map, its drive, what a swing costs; broadband and impact."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.contour import QuadContourSet
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from scipy.interpolate import PchipInterpolator
@@ -144,11 +145,13 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
     surface = figure.add_subplot(columns[0], projection="3d")
     above = figure.add_subplot(columns[1])
     _draw_surface(surface, x, y, gain, ridge)
-    _draw_above(figure, above, x, y, gain, ridge)
+    map_bar(figure, draw_map(above, x, y, gain, ridge, float(np.nanmax(gain))), [above])
+    note_panel(above, "b", "from above, with the ridge")
     return figure
 
 
 Ridge = tuple[Array, Array, Array]
+"""Resonance [Hz], pretension [mm] and gain there, (p,) each."""
 
 
 def along_ridge(frequency_hz: Array, gain: Array, ridge_hz: Array) -> tuple[Array, Array]:
@@ -187,35 +190,32 @@ def _draw_surface(axes: Axes3D, x: Array, y: Array, gain: Array, ridge: Ridge) -
     note_panel(axes, "a", "gain over frequency and pretension")
 
 
-def _label_places(lines: QuadContourSet, x: Array, y: Array) -> list[tuple[float, float]]:
-    """Return a place on each line of equal gain up to 1.5, at middle pretension and well inside the frame."""
-    (left, right), (low, high) = ((float(v.min()), float(v.max())) for v in (x, y))
-    places = []
-    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
-        at, across = np.asarray(path.vertices, dtype=float).T
-        inside = (at > left + 0.08 * (right - left)) & (at < right - 0.08 * (right - left))
-        if level <= 1.5 and inside.any():
-            off = np.where(inside, np.abs(across - (low + high) / 2), np.inf)
-            best = int(np.argmin(off))
-            places.append((float(at[best]), float(across[best])))
-    return places
+_LEVELS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0)
 
 
-def _draw_above(figure: Figure, axes: Axes, x: Array, y: Array, gain: Array, ridge: Ridge) -> None:
+def draw_map(axes: Axes, x: Array, y: Array, gain: Array, ridge: Sequence[Array], top: float) -> QuadMesh:
+    """Draw a gain over frequency and pretension from above, with lines of equal gain and the ridge in red.
+
+    x, y, gain: (p, s), see `along_ridge`. ridge: its frequency and pretension. top: gain of the brightest colour.
+    """
     axes.grid(False)
-    mesh = axes.pcolormesh(x, y, gain, cmap=_COLOURS, vmin=0, shading="gouraud", rasterized=True)
-    levels = [level for level in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0) if np.nanmin(gain) < level < np.nanmax(gain)]
+    mesh = axes.pcolormesh(x, y, gain, cmap=_COLOURS, vmin=0, vmax=top, shading="gouraud", rasterized=True)
+    levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
     if levels:
         lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
-        places = _label_places(lines, x, y)
-        for text in axes.clabel(lines, fmt="%g", fontsize=8, manual=places) if places else ():
+        told = [level for level in levels if level <= 0.45 * top]  # the others are too close for a number between them
+        for text in axes.clabel(lines, levels=told, fmt="%g", fontsize=8):
             text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
     halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
-    axes.plot(ridge[0], ridge[1], color=RED, linewidth=1.6, path_effects=halo, zorder=4)
-    axes.plot(ridge[0], ridge[1], "o", color="white", markersize=3, markeredgecolor=INK, zorder=5, clip_on=False)
+    axes.plot(*ridge[:2], color=RED, linewidth=1.6, path_effects=halo, zorder=4)
+    axes.plot(*ridge[:2], "o", color="white", markersize=3, markeredgecolor=INK, zorder=5, clip_on=False)
     axes.set(xlabel="drive frequency in Hz", ylabel="pretension in mm")
-    note_panel(axes, "b", "from above, with the ridge")
-    bar = figure.colorbar(mesh, ax=axes, label="gain", aspect=28, pad=0.02)
+    return mesh
+
+
+def map_bar(figure: Figure, mesh: QuadMesh, axes: Sequence[Axes]) -> None:
+    """Add the key from colour to gain, right of the axes."""
+    bar = figure.colorbar(mesh, ax=list(axes), label="gain", aspect=28, pad=0.02)
     bar.outline.set_visible(False)
 
 

@@ -1,12 +1,9 @@
-"""Figures and page of a joint in space: modes, their coupling and shapes, bent poses and responses."""
+"""Figures and page of a joint in space: modes and their coupling, bent poses and responses."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -23,7 +20,6 @@ from sinew.figures.style import (
     INK,
     MARKERS,
     RED,
-    WIDTH_IN,
     frequency_map,
     in_style,
     new_figure,
@@ -31,15 +27,12 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
     save_figure,
+    save_figures,
 )
 from sinew.measure.arrays import Array
-from sinew.mechanics.rod import STRAINS, TERMS, rod_poses
-from sinew.mechanics.space import Space
-from sinew.mechanics.tendons import guide_points
 from sinew.plan.plan import bend_of_swing
-from sinew.plan.rig import RigSpec
 from sinew.predict.coupled import Coupled, PredictedBent
-from sinew.predict.modes import FoundMode, Modes, PoseModes
+from sinew.predict.modes import Modes
 
 if TYPE_CHECKING:
     from sinew.predict.pose import Posed
@@ -47,9 +40,6 @@ if TYPE_CHECKING:
 
 
 _TOP_HZ = 13.0
-_SHAPES = 4
-_SWING = 0.25  # of the head in a drawn shape [rad]
-_ROUND = 13
 
 CAPTIONS = {
     "modes_over_pretension": Caption(
@@ -67,69 +57,7 @@ CAPTIONS = {
         "joint. Open marks: a tendon is slack; the interval there, far wider than all values, is not drawn.",
         "Tilt across per torsion, and relative frequency of torsion, over the bend angle",
     ),
-    "mode_shapes": Caption(
-        "Shapes of the slowest modes",
-        "Silicone, tendons, head plate and lever at both ends of a swing of 14°, the rest pose in grey.",
-        "Drawings of the joint in its slowest modes",
-    ),
 }
-
-
-class _Line(NamedTuple):
-    """One drawn line: points (point, 3) [m] in frame B, and what it is."""
-
-    points: Array
-    part: str
-
-
-def _poses(space: Space, coordinates: Array) -> tuple[Array, Array]:
-    """Return (rotations, positions) of the sections for several sets of coordinates (k, 6, term)."""
-
-    def of(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return rod_poses(q, space.rod)
-
-    rotations, positions = jax.vmap(of)(jnp.asarray(coordinates))
-    return np.asarray(rotations), np.asarray(positions)
-
-
-def joint_lines(rig: RigSpec, space: Space, rotations: Array, positions: Array) -> list[_Line]:
-    """Return the lines that draw a joint: rings and edges of the silicone, tendons, plate, lever.
-
-    rotations (section, 3, 3), positions (section, 3): of the rod. The lever is as long as its inertia says. Rings have
-    the outline of the section's hull.
-    """
-    angles = np.linspace(0, 2 * np.pi, _ROUND)
-    ring = np.stack([np.zeros(_ROUND), np.cos(angles), np.sin(angles)], axis=1)
-    surface = np.column_stack([np.zeros(_ROUND), rig.outline(angles)])
-    radius = 0.5 * rig.silicone.diameter.value
-    turned = np.concatenate([np.eye(3)[None], rotations])
-    placed = np.concatenate([np.zeros((1, 3)), positions])
-    rings = np.einsum("nij,rj->nri", turned, surface) + placed[:, None]
-    head, centre = rotations[-1], positions[-1]
-    lines = [_Line(one, "silicone") for one in rings]
-    lines += [_Line(rings[:, k], "silicone") for k in range(0, _ROUND - 1, 3)]
-    p = space.rod.joint
-    feet = np.array([[float(x) for x in v] for v in guide_points(p.base_radius, p.guide_directions)])
-    guides = np.array([[float(x) for x in v] for v in guide_points(p.head_radius, p.guide_directions)])
-    lines += [
-        _Line(np.stack([foot, centre + head @ guide]), "tendon") for foot, guide in zip(feet, guides, strict=True)
-    ]
-    lines.append(_Line(1.25 * radius * ring @ head.T + centre, "plate"))
-    reach = math.sqrt(float(space.lever_tensor[0]) / float(space.lever_mass))
-    height = float(space.lever_height)
-    arms = np.array([[height, -reach, 0.0], [height, reach, 0.0]])
-    lines.append(_Line(arms @ head.T + centre, "lever"))
-    lines.append(_Line(np.stack([centre, centre + height * head[:, 0]]), "lever"))
-    return lines
-
-
-def shape_lines(found: Modes, pose: PoseModes, mode: FoundMode, swings: Sequence[float]) -> list[list[_Line]]:
-    """Return the lines of a mode's shape at swings of the head [rad], a list for each."""
-    shape = mode.shape.reshape(len(STRAINS), TERMS)
-    coordinates = np.stack([pose.coordinates + swing * shape for swing in swings])
-    space = found.finder.space
-    rotations, positions = _poses(space, coordinates)
-    return [joint_lines(found.spec, space, r, x) for r, x in zip(rotations, positions, strict=True)]
 
 
 @in_style
@@ -219,87 +147,18 @@ def draw_coupling(found: Modes) -> Figure:
     return figure
 
 
-_COLOURS = {"silicone": GREY, "tendon": ACCENT, "plate": INK, "lever": RED}
-
-
-def _flat(points: Array, yaw: float = 0.9, pitch: float = 0.32) -> tuple[Array, Array]:
-    """Return (right, up) of points of frame B as seen from aside and a little above."""
-    y = points[:, 1] * math.cos(yaw) + points[:, 2] * math.sin(yaw)
-    depth = -points[:, 1] * math.sin(yaw) + points[:, 2] * math.cos(yaw)
-    return y, points[:, 0] * math.cos(pitch) - depth * math.sin(pitch)
-
-
-def shown_pose(found: Modes) -> PoseModes | None:
-    """Return the pose whose shapes are drawn: the most bent one with modes, of the middle pretension there."""
-    there = [one for one in found.nominal if one.modes]
-    if not there:
-        return None
-    most = max(one.bend_deg for one in there if one.taut or not any(other.taut for other in there))
-    mine = sorted((one for one in there if one.bend_deg == most), key=lambda one: one.pretension_mm)
-    taut = [one for one in mine if one.taut] or mine
-    return taut[len(taut) // 2]
-
-
-def _is_ring(line: _Line) -> bool:
-    return line.part == "silicone" and len(line.points) == _ROUND
-
-
-@in_style
-def draw_shapes(found: Modes) -> Figure | None:
-    """Return the shapes of the slowest modes of one pose; None where no pose has modes."""
-    pose = shown_pose(found)
-    if pose is None:
-        return None
-    count = min(_SHAPES, len(pose.modes))
-    drawn = [shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING)) for mode in pose.modes[:count]]
-    lines = [line for three in drawn for one in three for line in one if not _is_ring(line)]
-    corners = np.concatenate([np.column_stack(_flat(line.points)) for line in lines])
-    low_at, high_at = corners.min(axis=0), corners.max(axis=0)
-    room = 0.04 * float(np.max(high_at - low_at))
-    wide, high = high_at - low_at + 2 * room
-    # As high as the drawings need, with two lines for what pose it is, two for what mode, and one for the key.
-    figure = new_figure(WIDTH_IN / count * high / wide + 0.95)
-    panels = figure.subplots(1, count, squeeze=False)[0]
-    for axes, mode, three in zip(panels, pose.modes, drawn, strict=False):
-        low, rest, up = three
-        for each, alpha, own in ((rest, 0.45, False), (low, 0.45, True), (up, 0.95, True)):
-            for line in each:
-                if _is_ring(line):
-                    continue  # rings of three joints over one another are no picture
-                colour = _COLOURS[line.part] if own else "#b5b5b5"
-                width = 2.2 if line.part in ("plate", "lever") else 1.1
-                axes.plot(*_flat(line.points), color=colour, alpha=alpha, linewidth=width if own else 0.8)
-        axes.set_aspect("equal")
-        axes.set(xlim=(low_at[0] - room, high_at[0] + room), ylim=(low_at[1] - room, high_at[1] + room))
-        axes.axis("off")
-        note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz\n{mode.kind}")
-    bent = f"bent by {pose.bend_deg:g}°" if pose.bend_deg else "straight"
-    figure.suptitle(f"{pose.pretension_mm:g} mm, {bent}\n", fontsize=8.5, x=0.01, ha="left")
-    handles = [Line2D([], [], color=_COLOURS[part], label=part) for part in _COLOURS]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return figure
-
-
 def write_modes(found: Modes, path: Path) -> Path:
     """Write the figures of modes beside one another, or a page with them and all numbers, and return the path.
 
-    path: ends with .html for the page; else the modes over pretension have that name, and coupling and shapes
-    have it with `-coupling` and `-shapes` behind it. Raises FileError where the folder cannot be written.
+    path: ends with .html for the page; else the modes over pretension have that name, and their coupling has it with
+    `-coupling` behind it. Raises FileError where the folder cannot be written.
     """
-    figures = {"": draw_over_pretension(found), "-coupling": draw_coupling(found), "-shapes": draw_shapes(found)}
+    figures = {"": draw_over_pretension(found), "-coupling": draw_coupling(found)}
     if path.suffix != ".html":
-        for ending, figure in figures.items():
-            if figure is not None:
-                save_figure(figure, path.parent, f"{path.stem}{ending}", (path.suffix[1:],))
+        save_figures(((path.stem + end, figure) for end, figure in figures.items()), path.parent, (path.suffix[1:],))
         return path
-    names = dict(zip(figures, CAPTIONS, strict=True))
-    folder = path.parent / f"{path.stem}-figures"
-    files = [
-        file
-        for ending, figure in figures.items()
-        if figure is not None
-        for file in save_figure(figure, folder, names[ending], ("png",))
-    ]
+    named = zip(CAPTIONS, figures.values(), strict=True)
+    files = save_figures(named, path.parent / f"{path.stem}-figures", ("png",))
     notes = [one.removeprefix("- ") for one in found.blocks() if isinstance(one, str)]
     return write_page(
         path,

@@ -23,10 +23,10 @@ from typing import Annotated, Any, Literal, NamedTuple, cast
 import jax
 import numpy as np
 
+from sinew.identify.oscillation import Laws, driven, push_needed
 from sinew.identify.oscillator.model import Fit, Fitted, Model, free_mechanics, get_model, reached
 from sinew.identify.oscillator.record import Excitation, derivative_order, relaxation_of
-from sinew.identify.stepped.fit import ResponseFit
-from sinew.identify.stepped.oscillation import Laws, driven, push_needed
+from sinew.identify.steady_fit import ResponseFit
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, interval, number
@@ -449,7 +449,7 @@ class _Normal:
         return self.known.largest
 
     def numbers(self, values: Array) -> Array:
-        """Return numbers as `sinew.identify.stepped.oscillation` takes them, with a gain of one, (n, l)."""
+        """Return numbers as `sinew.identify.oscillation` takes them, with a gain of one, (n, l)."""
         found = np.zeros((len(values), len(self.laws.names)))
         for column, name in zip(values.T, self.known.numbers, strict=True):
             if name in NUMBERS:

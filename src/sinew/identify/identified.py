@@ -33,8 +33,8 @@ from sinew.identify.oscillator.diagnosis import (
 )
 from sinew.identify.oscillator.model import Fit, Fitted, Model, get_model
 from sinew.identify.oscillator.record import Excitation, Record, cut_to, free_part, make_record, telling, unwrapped
-from sinew.identify.stepped.fit import LevelPeak, ResponseFit, fit_response, peak_of_response
-from sinew.identify.stepped.points import ResponsePoints
+from sinew.identify.points import ResponsePoints
+from sinew.identify.steady_fit import LevelPeak, ResponseFit, fit_response, peak_of_response
 from sinew.measure.errors import RecordingError, SinewError, SpecError
 from sinew.measure.estimate import Estimate, finite
 from sinew.measure.files.netcdf import load_recording

@@ -13,7 +13,7 @@ the bias of such a reading is in both.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,7 @@ from sinew.analysis.signal.harmonics import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.sweep.resonance import estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response
-from sinew.measure.arrays import Array, Mask, wrapped_lag
+from sinew.measure.arrays import Array, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import FEWEST_FREQUENCIES
@@ -64,8 +64,7 @@ class Measured:
         return float(frequency[0]), float(frequency[-1])
 
 
-@dataclass(frozen=True)
-class Reading:
+class _Reading(NamedTuple):
     """A number over pretension (p,) or pretension and frequency (p, f): measured, with standard deviation and 90 %
     interval of the mean over repeats, and predicted; NaN where there is none."""
 
@@ -74,32 +73,6 @@ class Reading:
     low: Array
     high: Array
     predicted: Array
-
-    @property
-    def relative(self) -> Array:
-        """Return predicted over measured, less one."""
-        return np.asarray(self.predicted / self.measured - 1)
-
-    @property
-    def difference(self) -> Array:
-        """Return predicted less measured."""
-        return np.asarray(self.predicted - self.measured)
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A prediction beside a recording.
-
-    pretension_mm (p,), frequency_hz (f,). fitted: to which pretensions the rig was calibrated, (p,).
-    points: `gain`, `phase_from_command_deg`, and where the lever was measured `gain_measured_drive` and
-    `phase_lag_deg`, over (p, f). readings: those of the resonance, over (p,), by name.
-    """
-
-    pretension_mm: Array
-    frequency_hz: Array
-    fitted: Mask
-    points: dict[str, Reading]
-    readings: dict[str, Reading]
 
 
 def measured_of(recording: xr.Dataset, rig: RigSpec) -> Measured:
@@ -130,13 +103,12 @@ def measured_of(recording: xr.Dataset, rig: RigSpec) -> Measured:
     return Measured(response, estimate_resonance(response) if enough else None, lever, float(amplitude[0]), mode, off)
 
 
-def compare(
-    measured: Measured, command: Prediction, lever: Prediction | None, fitted_mm: Sequence[float] = ()
-) -> Comparison:
-    """Return a prediction beside a recording.
+def _compared(
+    measured: Measured, command: Prediction, lever: Prediction | None
+) -> tuple[dict[str, _Reading], dict[str, _Reading]]:
+    """Return (numbers of the steady states over (p, f), readings of the resonance over (p,)), by name.
 
     command: from the command, lever: from the measured lever, each one curve for every pretension of the recording.
-    fitted_mm: pretensions to which the rig was calibrated.
     """
     response = measured.response
     f, columns = response.frequency_hz, response.columns
@@ -146,7 +118,6 @@ def compare(
         "gain": _points(columns["gain"], response.nominal_gain_std * columns["gain"], from_command.amplitude / nominal),
         "phase_from_command_deg": _lag(response, from_command.phase),
     }
-    joint = from_command
     transfer = from_command.fundamental / from_command.drive
     if lever is not None and measured.lever is not None:
         joint = _stacked([sweep(branch, f, "up") for branch in lever.branches])
@@ -155,35 +126,31 @@ def compare(
             columns["gain_measured_drive"], columns["gain_measured_drive_std"], np.abs(transfer)
         )
         points["phase_lag_deg"] = _lag(response, joint.phase)
-    fitted = np.array(
-        [bool(np.isclose(p, fitted_mm).any()) if len(fitted_mm) else False for p in response.pretension_mm]
-    )
-    readings: dict[str, Reading] = {}
-    if measured.resonance is not None:
-        curve = _as_measured(response, from_command, transfer, nominal)
-        readings = _readings(measured.resonance, estimate_resonance(curve), with_lever=lever is not None)
-    return Comparison(response.pretension_mm, f, fitted, points, readings)
+    if measured.resonance is None:
+        return points, {}
+    curve = _as_measured(response, from_command, transfer, nominal)
+    return points, _readings(measured.resonance, estimate_resonance(curve), with_lever=lever is not None)
 
 
 def _stacked(rows: Sequence[Swept]) -> Swept:
     return Swept(*(np.stack(parts) for parts in zip(*rows, strict=True)))
 
 
-def _points(values: Array, stds: Array, predicted: Array) -> Reading:
+def _points(values: Array, stds: Array, predicted: Array) -> _Reading:
     mean = combine_repeats(values, stds)
-    return Reading(
+    return _Reading(
         mean.value, mean.std_of_value, mean.low, mean.high, np.where(np.isfinite(mean.value), predicted, np.nan)
     )
 
 
-def _lag(response: Response, predicted: Array) -> Reading:
+def _lag(response: Response, predicted: Array) -> _Reading:
     """Return the lag [deg], that of the prediction on the turn of the measured one [rad]."""
     columns = response.columns
     delay = np.nan_to_num(np.nanmax(np.nan_to_num(columns["phase_delay_std_rad"]), axis=2))
     mean = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, delay)
     apart = np.mod(predicted - mean.value + np.pi, 2 * np.pi) - np.pi
     parts = (mean.value, mean.std_of_value, mean.low, mean.high, mean.value + apart)
-    return Reading(*(np.degrees(part) for part in parts))
+    return _Reading(*(np.degrees(part) for part in parts))
 
 
 def _as_measured(response: Response, command: Swept, transfer: NDArray[np.complex128], nominal: float) -> Response:
@@ -224,13 +191,13 @@ def _as_measured(response: Response, command: Swept, transfer: NDArray[np.comple
     )
 
 
-def _readings(measured: xr.Dataset, predicted: xr.Dataset, *, with_lever: bool) -> dict[str, Reading]:
+def _readings(measured: xr.Dataset, predicted: xr.Dataset, *, with_lever: bool) -> dict[str, _Reading]:
     found = {}
     for name in _READINGS if with_lever else _READINGS[:2]:
         suffix = "_hz" if name.endswith("_hz") else ""
         stem = name.removesuffix(suffix)
         low, high = (measured[f"{stem}_{end}{suffix}"].values for end in ("low", "high"))
-        found[name] = Reading(measured[name].values, (high - low) / (2 * NORMAL_90), low, high, predicted[name].values)
+        found[name] = _Reading(measured[name].values, (high - low) / (2 * NORMAL_90), low, high, predicted[name].values)
     return found
 
 
@@ -258,7 +225,8 @@ class Score(Result):
 
 @dataclass(frozen=True, repr=False)
 class Met(Result):
-    """One number at one place: measured, predicted, and the error, see `error_of`."""
+    """One number at one place: measured, predicted, and the error, whose interval is that of the measurement; relative,
+    predicted over measured less one, or of an angle the difference."""
 
     measured: Annotated[Estimate, Field("measured")]
     predicted: Annotated[float, Field("predicted")]
@@ -302,7 +270,6 @@ class Against(Result):
     was calibrated to. scores: over all pretensions, those fitted to, and the others, by name of the number.
     """
 
-    comparison: Comparison
     recording: Annotated[str, Field("", "detail")]
     amplitude_deg: Annotated[float, Field("", "detail")]
     mode: Annotated[str, Field("", "detail")]
@@ -359,8 +326,21 @@ def hold_against(
         lever = predict(lever_problem(rig, measured.lever, band, mode=measured.mode, effects=effects), band, RESOLUTION)
     told = rig.calibration.pretension_mm if rig.calibration is not None else ()
     fitted = tuple(told if fitted_mm is None else fitted_mm)
-    found = compare(measured, prediction, lever, fitted)
-    scores = scores_of(found)
+    numbers, readings = _compared(measured, prediction, lever)
+    response = measured.response
+    places = [(float(mm), any(np.isclose(mm, one) for one in fitted)) for mm in response.pretension_mm]
+    resonance = [
+        ReadingRow(mm, known, *(_met_at(name, readings.get(name), (i,)) for name in _READINGS))
+        for i, (mm, known) in enumerate(places)
+        if readings
+    ]
+    points = []
+    for i, (mm, known) in enumerate(places):
+        for j, hertz in enumerate(response.frequency_hz):
+            met = [_met_at(name, numbers.get(name), (i, j)) for name in _POINTS]
+            if any(one is not None for one in met):
+                points.append(PointRow(mm, float(hertz), known, *met))
+    scores = scores_of(resonance, points)
     remarks = []
     if not fitted:
         remarks.append(
@@ -373,20 +353,7 @@ def hold_against(
         remarks.append("the recording has no motion of the lever, so the joint was not compared by it")
     if measured.effects_off:
         remarks.append(f"the recording's twin had {', '.join(measured.effects_off)} off, and so has the prediction")
-    places = [(float(mm), bool(known)) for mm, known in zip(found.pretension_mm, found.fitted, strict=True)]
-    resonance = [
-        ReadingRow(mm, known, *(met_at(name, found.readings.get(name), (i,)) for name in _READINGS))
-        for i, (mm, known) in enumerate(places)
-        if found.readings
-    ]
-    points = []
-    for i, (mm, known) in enumerate(places):
-        for j, hertz in enumerate(found.frequency_hz):
-            met = [met_at(name, found.points.get(name), (i, j)) for name in _POINTS]
-            if any(one is not None for one in met):
-                points.append(PointRow(mm, float(hertz), known, *met))
     return Against(
-        found,
         recording,
         measured.amplitude_deg,
         measured.mode,
@@ -403,60 +370,48 @@ def is_angle(name: str) -> bool:
     return name.endswith("_deg")
 
 
-def error_of(name: str, reading: Reading) -> tuple[Array, Array, Array, Array]:
-    """Return (error, its standard deviation, low and high end of its 90 % interval), in the shape of the reading.
-
-    The interval is that of the measurement; the prediction is taken as it is.
-    """
+def met(name: str, measured: Estimate, predicted: float) -> Met | None:
+    """Return a number with its error, None where it was not measured or not predicted."""
+    if not np.isfinite([measured.value, predicted]).all():
+        return None
     if is_angle(name):
-        p = reading.predicted
-        return reading.difference, reading.std, p - reading.high, p - reading.low
-    low, high = (np.where(end > 0, end, np.nan) for end in (reading.low, reading.high))
-    std = reading.predicted * reading.std / reading.measured**2
-    return reading.relative, std, reading.predicted / high - 1, reading.predicted / low - 1
+        off = (predicted - measured.value, measured.std, predicted - measured.high, predicted - measured.low)
+        return Met(measured, predicted, Estimate(*off))
+    low, high = (end if end > 0 else np.nan for end in (measured.low, measured.high))
+    std = predicted * measured.std / measured.value**2
+    error = Estimate(predicted / measured.value - 1, std, predicted / high - 1, predicted / low - 1)
+    return Met(measured, predicted, error)
 
 
-def scores_of(comparison: Comparison) -> dict[Subset, dict[str, Score]]:
+def _met_at(name: str, reading: _Reading | None, place: tuple[int, ...]) -> Met | None:
+    if reading is None:
+        return None
+    *measured, predicted = (float(part[place]) for part in reading)
+    return met(name, Estimate(*measured), predicted)
+
+
+def scores_of(resonance: Sequence[ReadingRow], points: Sequence[PointRow]) -> dict[Subset, dict[str, Score]]:
     """Return the scores of all numbers: over all pretensions, over those that the rig was calibrated to, and over the
     others. A subset without a place is left out."""
     found: dict[Subset, dict[str, Score]] = {}
-    subsets: dict[Subset, Mask] = {
-        "all": np.ones_like(comparison.fitted),
-        "fitted": comparison.fitted,
-        "others": ~comparison.fitted,
-    }
-    for subset, rows in subsets.items():
-        both = {**comparison.readings, **comparison.points}
-        scores = {name: _score(name, reading, rows) for name, reading in both.items()}
-        kept = {name: score for name, score in scores.items() if score.count}
-        if kept:
-            found[subset] = kept
+    rows: list[ReadingRow | PointRow] = [*resonance, *points]
+    for subset in _SUBSETS:
+        mine = [row for row in rows if subset == "all" or row.fitted == (subset == "fitted")]
+        known = {name: [one for row in mine if (one := getattr(row, name, None)) is not None] for name in _TITLES}
+        if scores := {name: _score(every) for name, every in known.items() if every}:
+            found[subset] = scores
     return found
 
 
-def met_at(name: str, reading: Reading | None, place: tuple[int, ...]) -> Met | None:
-    """Return a number at one place, None where it was not measured or not predicted."""
-    if reading is None:
-        return None
-    measured = Estimate(*(float(part[place]) for part in (reading.measured, reading.std, reading.low, reading.high)))
-    predicted = float(reading.predicted[place])
-    if not np.isfinite([measured.value, predicted]).all():
-        return None
-    return Met(measured, predicted, Estimate(*(float(part[place]) for part in error_of(name, reading))))
-
-
-def _score(name: str, reading: Reading, rows: Mask) -> Score:
-    error, std = (part[rows] for part in error_of(name, reading)[:2])
-    low, high, predicted = reading.low[rows], reading.high[rows], reading.predicted[rows]
-    known = np.isfinite(error)
-    if not known.any():
-        return Score(0, *[float("nan")] * 4)
-    bounded = known & np.isfinite(low) & np.isfinite(high)
+def _score(every: Sequence[Met]) -> Score:
+    error, std = np.array([(one.error.value, one.error.std) for one in every]).T
+    low, high, predicted = np.array([(one.measured.low, one.measured.high, one.predicted) for one in every]).T
+    bounded = np.isfinite(low) & np.isfinite(high)
     inside = (low <= predicted) & (predicted <= high)
     return Score(
-        int(known.sum()),
-        float(np.sqrt(np.mean(error[known] ** 2))),
-        float(np.max(np.abs(error[known]))),
-        float(np.sqrt(np.mean(np.nan_to_num(std[known]) ** 2))),
+        len(every),
+        float(np.sqrt(np.mean(error**2))),
+        float(np.max(np.abs(error))),
+        float(np.sqrt(np.mean(np.nan_to_num(std) ** 2))),
         float(np.mean(inside[bounded])) if bounded.any() else float("nan"),
     )

@@ -176,18 +176,15 @@ def driven(
     q: Array,
     frequency_hz: float,
     drive: Array,
-    outputs: Array | None = None,
     *,
     held: bool = False,
 ) -> Driven:
     """Return what moves at a frequency where the guides slip in the very torsion that comes of the drive.
 
-    drive: amplitude of each of `INPUTS`, (5,). outputs: slopes of other outputs than `OUTPUTS` by the coordinates
-    (output, 18), the torsion first. held: the lever is held by
-    its motor, which gives way by what its own torque line and its gear's friction make of that amplitude; else locked.
+    drive: amplitude of each of `INPUTS`, (5,). held: the lever is held by its motor, which gives way by what its own
+    torque line and its gear's friction make of that amplitude; else locked.
     """
     omega, seen = math.tau * frequency_hz, _seen(linear, space, q)
-    rows = seen.outputs if outputs is None else outputs
     holding = _held(linear, space, omega)
     force = np.column_stack([-(omega**2) * seen.lever, seen.forces]) @ drive
     torsion, give = 0.0, 0.0
@@ -195,10 +192,10 @@ def driven(
         given = give if held else None
         x = np.linalg.solve(holding + _given(linear, space, omega, torsion, given), force)
         lever = complex(_given_way(linear, space, omega, give) @ x) if held else 0j
-        before, torsion, give = (torsion, give), float(abs(rows[0] @ x)), abs(lever)
+        before, torsion, give = (torsion, give), float(abs(seen.outputs[0] @ x)), abs(lever)
         if math.hypot(torsion - before[0], give - before[1]) <= _ENOUGH * torsion:
             break
-    return Driven(rows @ x, lever)
+    return Driven(seen.outputs @ x, lever)
 
 
 def state_space(linear: Linear, space: Space, q: Array, shapes: int = SHAPES) -> StateSpace:

@@ -19,7 +19,7 @@ from sinew.mechanics.space import Space, plate_guides
 from sinew.plan.check import Finding
 from sinew.plan.plan import STRAIGHT, Pose, bend_of_swing, swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
-from sinew.predict.joints.validity import STRAIN, largest_strain
+from sinew.predict.validity import STRAIN, largest_strain
 from sinew.solve.programs import configure, program
 from sinew.solve.spatial import (
     Rest,

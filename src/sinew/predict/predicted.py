@@ -21,9 +21,9 @@ from sinew.plan.toml import load_rig
 from sinew.predict.against import Against
 from sinew.predict.band import Band, Marked, Tube, bands_of, carried_over, crest, draw_rigs
 from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.predict.joints.validity import Check, check_drive, check_joint, doubt_broken_curves, loads_of
 from sinew.predict.linear import Equivalent, equivalent_of_oscillator, equivalent_of_rig, harmonic_shares
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.predict.validity import Check, check_drive, check_joint, doubt_broken_curves, loads_of
 from sinew.solve.backbone import Backbone, follow_backbones
 from sinew.solve.balance import Equations, Lane, Size, orders
 from sinew.solve.branch import FOLD, QUARTER, Branch, Mark, Prediction, guesses

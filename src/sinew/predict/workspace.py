@@ -20,8 +20,8 @@ from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.space import Space
 from sinew.plan.plan import swing_of_bend
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.validity import STRAIN
 from sinew.predict.pose import Way, pulls_of, surface_strain, upright
+from sinew.predict.validity import STRAIN
 from sinew.solve.programs import configure
 from sinew.solve.spatial import (
     Around,

@@ -22,7 +22,7 @@ from sinew.mechanics.rod import column_load
 from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import as_one_tendon
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.section import (
+from sinew.predict.section import (
     Section,
     annulus_section,
     circle_section,
@@ -30,7 +30,7 @@ from sinew.predict.joints.section import (
     ellipse_torsion,
     rectangle_section,
 )
-from sinew.predict.joints.validity import (
+from sinew.predict.validity import (
     CLOSE,
     LOST,
     SLENDER,
@@ -113,7 +113,7 @@ def drive_load(rig: RigSpec, frequency_hz: float, lever: complex, torsion: float
 
 # Cross-sections are closed formulas of two sizes, so that a search can follow their slopes.
 #
-# The same formulas as in `sinew.predict.joints.section`, which a proposal is computed with in the end; the rectangle's
+# The same formulas as in `sinew.predict.section`, which a proposal is computed with in the end; the rectangle's
 # torsion is Saint-Venant's series here and finite elements there (Timoshenko and Goodier, Theory of Elasticity,
 # chapter 10).
 
@@ -122,7 +122,7 @@ _ODD = (1.0, 3.0, 5.0, 7.0, 9.0)
 
 class Form(NamedTuple):
     """diameter of the circle around it [m], area [m²], perimeter [m], torsion_constant, polar and least moment [m⁴],
-    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.joints.section.Section`."""
+    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.section.Section`."""
 
     diameter: jax.Array
     area: jax.Array

@@ -22,10 +22,9 @@ from sinew.measure.tasks import HERE, Spread, run_tasks
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
+from sinew.predict.design import Design, design_rig, list_materials, load_material, shear_modulus_of
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
-from sinew.predict.joints.material import list_materials, load_material
-from sinew.predict.joints.validity import Check, check_joint, loads_of
+from sinew.predict.validity import Check, check_joint, loads_of
 from sinew.solve.programs import configure, program
 from sinew.tune.candidate import (
     GUIDE,

@@ -29,11 +29,9 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import COARSE, Draws, draw_rigs, drawn_branches, estimate_of_deviations
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.validity import loads_of
-from sinew.predict.predicted import sketch
+from sinew.predict.validity import loads_of
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, predict
-from sinew.solve.examination import rows_of
 from sinew.solve.programs import configure, program
 from sinew.solve.rest import torsional_stiffness
 from sinew.tune.candidate import drive_load
@@ -110,35 +108,17 @@ def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode =
     return _BELOW * float(low.min()), _ABOVE * float(high.max())
 
 
-Follow = Callable[[Problem, tuple[float, float]], tuple[Branch, ...]]
-"""What follows the curves of all lanes of a problem over a band [Hz]."""
-
-
-def coarse(problem: Problem, band_hz: tuple[float, float]) -> tuple[Branch, ...]:
-    """Return the curves with seven harmonics, which is right to 1e-4 of a frequency."""
-    return predict(problem, band_hz, COARSE).branches
-
-
-def sketched(problem: Problem, band_hz: tuple[float, float]) -> tuple[Branch, ...]:
-    """Return the curves as sliders sketch them, one after the other: right to 5e-4 of a frequency, and a process that
-    has sketched one joint compiles nothing for it."""
-    lanes = range(len(problem.rest))
-    each = (problem._replace(lane=rows_of(problem.lane, np.array([i])), rest=problem.rest[[i]]) for i in lanes)
-    return tuple(sketch(one, band_hz).branches[0] for one in each)
-
-
 def resonances_at(
     rig: RigSpec,
     pretension_mm: Array,
     command_deg: Array,
     band_hz: tuple[float, float],
     mode: TendonMode = "position",
-    follow: Follow = coarse,
 ) -> list[Resonance | None]:
     """Return the resonance of each lane, (k,): pretension [mm] and amplitude of the command [deg]; None where the
     torsion passes no 90° of lag in the band [Hz]."""
     problem = joint_problem(rig, pretension_mm, command_deg, band_hz, mode=mode)
-    branches = follow(problem, band_hz)
+    branches = predict(problem, band_hz, COARSE).branches
     torsion = np.array([0.0 if b.phase_90 is None else b.phase_90.amplitude for b in branches])
     loads = loads_of(problem, torsion)
     found: list[Resonance | None] = []
@@ -179,20 +159,18 @@ def find_resonances(
     mode: TendonMode = "position",
     band_hz: tuple[float, float] | None = None,
     commands_deg: Sequence[float] | None = None,
-    follow: Follow = coarse,
 ) -> tuple[Resonance | None, ...]:
     """Return the resonance at each pretension [mm]; None where the torsion passes no 90° of lag in the band.
 
     By harmonic balance with seven harmonics on the joint's equations; with nineteen it moves by less than 1e-4.
-    band_hz: where it is sought, else `linear_band`. follow: how its curves are followed.
-    commands_deg: first guesses of the command for a yaw, one each.
+    band_hz: where it is sought, else `linear_band`. commands_deg: first guesses of the command for a yaw, one each.
     With a yaw the command is changed by secants until the torsion is within 0.2 % of it, six times at most, and not
     beyond twice the rig's limit: a drive that cannot leaves a smaller torsion, which `Resonance.torsion` tells.
     """
     where = np.asarray(pretension_mm, dtype=float)
     band = band_hz or linear_band(rig, list(where), mode)
     if swing.command_deg is not None:
-        return tuple(resonances_at(rig, where, np.full(where.shape, swing.command_deg), band, mode, follow))
+        return tuple(resonances_at(rig, where, np.full(where.shape, swing.command_deg), band, mode))
     assert swing.yaw_deg is not None
     wanted = math.radians(swing.yaw_deg)
     commands = np.full(where.shape, _FIRST_COMMAND_DEG) if commands_deg is None else np.array(commands_deg, dtype=float)
@@ -200,7 +178,7 @@ def find_resonances(
     found: list[Resonance | None] = [None] * where.size
     left, before = np.arange(where.size), np.zeros((2, where.size))
     for _ in range(_ROUNDS):
-        for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode, follow), strict=True):
+        for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode), strict=True):
             found[i] = one
         lost = np.array([one is None for one in found])
         torsion = np.array([wanted if one is None else one.torsion for one in found])
@@ -310,12 +288,12 @@ def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     return found
 
 
-def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position", follow: Follow = coarse) -> Reachable:
+def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position") -> Reachable:
     """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig."""
     low, high = rig.limits.pretension_mm
     low, high = max(0.0, low), min(high, rig.limits.tendon_travel_mm[1])
     grid = np.linspace(low, high, _GRID)
-    every = find_resonances(rig, grid.tolist(), swing, mode=mode, follow=follow)
+    every = find_resonances(rig, grid.tolist(), swing, mode=mode)
     found = tuple(one for one in every if one is not None)
     if len(found) < 2:
         nothing = "the torsion passes no 90° of lag behind the lever: it is damped too strongly to resonate"
@@ -483,22 +461,20 @@ def tune_pretension(
     draws: Draws | None = None,
     mode: TendonMode = "position",
     progress: Callable[[float, float], None] | None = None,
-    follow: Follow = coarse,
 ) -> Tuning:
     """Return the pretension for each wanted frequency [Hz].
 
     swing: how far the joint swings there. draws: of the rig, for intervals; with a yaw they are driven as the rig is.
-    progress: called with (done, total) draws. follow: how curves are followed; `sketched`, right to 0.4 % of a
-    pretension, where somebody waits.
+    progress: called with (done, total) draws.
     Raises SpecError where a frequency is not positive.
     """
     for hertz in wanted_hz:
         if not 0 < hertz < math.inf:
             raise SpecError(f"found a wanted resonance of {hertz:g} Hz, expected a positive frequency")
-    reachable = find_reachable(rig, swing, mode=mode, follow=follow)
+    reachable = find_reachable(rig, swing, mode=mode)
     guesses = [_guess(reachable, hertz) for hertz in wanted_hz]
     inside = [i for i, guess in enumerate(guesses) if guess is not None]
-    found = _refined(rig, reachable, [(wanted_hz[i], guesses[i] or 0.0) for i in inside], swing, mode, follow)
+    found = _refined(rig, reachable, [(wanted_hz[i], guesses[i] or 0.0) for i in inside], swing, mode)
     settings = [Setting(hertz, False, _why_not(reachable, hertz)) for hertz in wanted_hz]
     slope = reachable.curve().derivative() if len(reachable.resonances) > 1 else None
     for i, one in zip(inside, found, strict=True):
@@ -508,7 +484,7 @@ def tune_pretension(
         assert slope is not None
         settings[i] = _setting(rig, wanted_hz[i], one, float(slope(one.pretension_mm)), swing)
     if draws is not None:
-        settings = _with_intervals(rig, settings, draws, mode, progress, follow)
+        settings = _with_intervals(rig, settings, draws, mode, progress)
     remarks = () if draws is None else draws.remarks
     return Tuning(Rows(settings), reachable, remarks, rig.name, swing.command_deg, swing.yaw_deg, mode, None)
 
@@ -528,7 +504,6 @@ def _refined(
     asked: list[tuple[float, float]],
     swing: Swing,
     mode: TendonMode,
-    follow: Follow,
 ) -> list[Resonance | None]:
     """Return the resonance of each (wanted frequency [Hz], guess [mm]), by Newton's method with the curve's slope."""
     if not asked:
@@ -540,7 +515,7 @@ def _refined(
     commands = np.interp(where, known, [math.degrees(one.command) for one in reachable.resonances])
     for _ in range(_STEPS):
         guess = commands.tolist()
-        found = list(find_resonances(rig, where.tolist(), swing, mode=mode, commands_deg=guess, follow=follow))
+        found = list(find_resonances(rig, where.tolist(), swing, mode=mode, commands_deg=guess))
         now = np.array([math.nan if one is None else one.frequency_hz for one in found])
         off = now / wanted - 1
         if not np.any(np.abs(off) > _CLOSE):
@@ -597,7 +572,6 @@ def _with_intervals(
     draws: Draws,
     mode: TendonMode,
     progress: Callable[[float, float], None] | None,
-    follow: Follow,
 ) -> list[Setting]:
     """Return the settings with the intervals that the draws give."""
     there = [i for i, one in enumerate(settings) if one.resonance is not None]
@@ -611,11 +585,7 @@ def _with_intervals(
         commands = np.degrees([mark.command for mark in marks])
         return joint_problem(one, [mark.pretension_mm for mark in marks], commands, band, mode=mode)
 
-    rigs = [rig, *draws.rigs]
-    if follow is coarse:
-        own, *drawn = drawn_branches(rigs, make, band, progress=progress)
-    else:
-        own, *drawn = (follow(make(one), band) for one in rigs)
+    own, *drawn = drawn_branches([rig, *draws.rigs], make, band, progress=progress)
     told = list(settings)
     for column, i in enumerate(there):
         centre = own[column].phase_90

@@ -109,7 +109,7 @@ def _needs(plan: "Plan", spec: "RigSpec") -> Needs:
     """
     from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.expected_response import expected_of, foresee_plan, held_preview, sentences_of
+    from sinew.predict.expected_response import foresee_plan, held_preview
 
     held, expected = None, ""
     if not plan.is_spatial:
@@ -119,7 +119,5 @@ def _needs(plan: "Plan", spec: "RigSpec") -> Needs:
         preview, rests = held_preview(plan, spec)
         refuse_beyond_limits(preview)
         held = {mm: Held.of(rest) for mm, rest in rests.items()}
-        for sentence in sentences_of(expected_of(plan, spec, preview), plan):
-            remark(sentence)
     tension = dict(zip(plan.pretension.pretension_mm, preview.tension_n, strict=True))
     return Needs(tension, preview.duration_s, held, attrs={"expected": expected})

@@ -13,9 +13,9 @@ from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
-    from sinew.predict.joints.design import Design
-    from sinew.predict.joints.section import Section
+    from sinew.predict.design import Design
     from sinew.predict.predicted import RigAsked
+    from sinew.predict.section import Section
 
 BASE_RIG = "paper"
 """The rig that a joint is derived from where none is named."""
@@ -117,7 +117,7 @@ def designed_rig(base: str | None, joint: JointOptions) -> "tuple[RigSpec, Desig
     Raises SpecError where options do not go together.
     """
     from sinew.plan.toml import load_rig
-    from sinew.predict.joints.design import design_rig
+    from sinew.predict.design import design_rig
 
     rig = load_rig(base or BASE_RIG)
     if not joint.given:
@@ -128,8 +128,7 @@ def designed_rig(base: str | None, joint: JointOptions) -> "tuple[RigSpec, Desig
 
 def design_of(joint: JointOptions) -> "Design":
     """Return the design that options describe, in SI. Raises SpecError where they do not go together."""
-    from sinew.predict.joints.design import Design
-    from sinew.predict.joints.material import load_material, material_of_curve
+    from sinew.predict.design import Design, load_material, material_of_curve
 
     named = [name for name in ("material", "tensile", "shear_modulus_kpa") if getattr(joint, name) is not None]
     if len(named) > 1:
@@ -170,8 +169,8 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def _section(joint: JointOptions) -> "Section | None":
-    from sinew.predict.joints import section as shapes
-    from sinew.predict.joints.section import read_polygon
+    from sinew.predict import section as shapes
+    from sinew.predict.section import read_polygon
 
     sizes = {name for names in _SHAPES.values() for name in names}
     given = {name for name in sizes if getattr(joint, name) is not None}

@@ -313,7 +313,7 @@ def _predict_rig(
     from sinew.plan.toml import load_rig, save_rig
     from sinew.predict.against import hold_against, measured_of
     from sinew.predict.band import spread_of
-    from sinew.predict.joints.design import designed_joint
+    from sinew.predict.design import designed_joint
     from sinew.predict.predicted import predict_rig, with_backbone, with_bands
 
     alone = out is not None and out.suffix == ".toml"

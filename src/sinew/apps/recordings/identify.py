@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation, Record
-    from sinew.identify.stepped.points import ResponsePoints
+    from sinew.identify.points import ResponsePoints
     from sinew.measure.files.csv import Table as CsvTable
     from sinew.measure.tasks import Spread
 
@@ -440,7 +440,7 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
 
 def _table_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
     """Return the points in a table of steady states."""
-    from sinew.identify.stepped.points import points_of_table
+    from sinew.identify.points import points_of_table
     from sinew.measure.files.csv import find_columns, numbers, read_table
 
     if asked.input_ is None or asked.output is None:
@@ -473,7 +473,7 @@ def _recorded_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
     """Return the points of a rig's recording at one pretension, else its smallest, in one group."""
     from sinew.analysis.analysed import recording_rig
     from sinew.analysis.sweep.response import estimate_response
-    from sinew.identify.stepped.points import points_of_response
+    from sinew.identify.points import points_of_response
     from sinew.measure.files.netcdf import load_recording
 
     recording = load_recording(asked.file)

@@ -18,7 +18,7 @@ from sinew.measure.estimate import number
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sinew.figures.film import FilmKind
+    from sinew.figures.motion import FilmKind
     from sinew.paper.answer import Answer
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
@@ -253,7 +253,7 @@ def _report_recording(
 
 def _film(recording: "xr.Dataset", kind: str, pretension_mm: float, folder: Path) -> dict[str, float | str]:
     """Return what was filmed, into the folder of the figures."""
-    from sinew.figures.film import save_film
+    from sinew.figures.motion import save_film
 
     path, frames_per_s = folder / "figures" / f"{kind}.webp", 20
     with console.progress_bar("film") as progress:

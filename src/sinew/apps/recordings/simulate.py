@@ -69,25 +69,21 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     """Preview a plan on a rig before anything moves.
 
     Prints duration, the drive amplitude that can be reached at each frequency, tendon tensions, torsion, and every
-    limit of the rig that the plan would break. Ends with status 2 if there is one. Of a bent or swaying head it says
-    what the sweep should give, by the linear joint.
+    limit of the rig that the plan would break. Ends with status 2 if there is one.
     """
     from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.expected_response import expected_of, preview_plan, sentences_of, told_preview
+    from sinew.predict.expected_response import preview_plan, told_preview
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
-    expected = expected_of(plan_, rig_, preview)
-    told = told_preview(plan_, rig_, preview, expected) | {"wire": wire_times(plan_, rig_)}
+    told = told_preview(plan_, rig_, preview) | {"wire": wire_times(plan_, rig_)}
     if json:
         console.print_json(told)
     else:
         _print_preview(plan_, preview, told)
         _print_wire(plan_, rig_, told["wire"])
-        for sentence in sentences_of(expected, plan_):
-            print(sentence)
     refuse_beyond_limits(preview)
     return 0
 

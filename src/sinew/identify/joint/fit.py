@@ -16,13 +16,15 @@ from scipy import special
 from sinew.identify.joint.motion import (
     Coordinates,
     JointProblem,
+    Swing,
+    is_enough,
     make_coordinates,
     make_problem,
     stated_repeatability,
     steps_per_sample,
+    swings_of,
     whitening_of,
 )
-from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.least_squares import Covariance, Solution, find_unidentifiable, solve
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError

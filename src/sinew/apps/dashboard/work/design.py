@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
     from sinew.predict.band import Band
-    from sinew.predict.joints.validity import Check
+    from sinew.predict.validity import Check
     from sinew.solve.branch import Branch, Mark, Prediction
 
 
@@ -89,7 +89,7 @@ def changed_rig(base: "RigSpec", changes: Mapping[str, float | None]) -> "RigSpe
     Raises SpecError for an unknown name, and where a number cannot be meant.
     """
     from sinew.apps.joints.options import JointOptions, design_of
-    from sinew.predict.joints.design import design_rig
+    from sinew.predict.design import design_rig
 
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
     for name, value in given.items():
@@ -125,8 +125,8 @@ def _predicted(
     import numpy as np
 
     from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.joints.validity import check_joint, loads_of
     from sinew.predict.predicted import sketch
+    from sinew.predict.validity import check_joint, loads_of
     from sinew.solve.curves import predict
     from sinew.solve.programs import configure
 
@@ -170,8 +170,7 @@ def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
 # A plan's curves are foretold, for what is measured to be held against.
 
 _NOT_FORETOLD = (
-    "This page holds no prediction beside a head that bends or sways: sinew check says what its sweep should give, "
-    "sinew predict --bend-deg how it swings."
+    "This page holds no prediction beside a head that bends or sways; sinew predict --bend-deg says how it swings."
 )
 _ROOM = 0.4
 _SEED = 0

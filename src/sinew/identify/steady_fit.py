@@ -1,7 +1,7 @@
 """The fit of a model to the points of a stepped sine: least squares in the frequency domain.
 
 The model's steady oscillations at each point's own drive amplitude are balanced by `sinew.solve`
-(`sinew.identify.stepped.oscillation`); residuals are weighted by the points' scatter. Where a joint has several steady
+(`sinew.identify.oscillation`); residuals are weighted by the points' scatter. Where a joint has several steady
 oscillations at one frequency, the measured one says which is meant.
 """
 
@@ -12,6 +12,17 @@ from typing import Annotated
 import numpy as np
 
 from sinew.analysis.signal.least_squares import solve_scaled
+from sinew.identify.oscillation import (
+    Drive,
+    Laws,
+    fundamentals,
+    lag_of,
+    lagging,
+    number_names,
+    oscillate,
+    swept,
+    top_of_sweep,
+)
 from sinew.identify.oscillator.least_squares import (
     Covariance,
     Problem,
@@ -34,18 +45,7 @@ from sinew.identify.oscillator.model import (
 )
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, frames_of, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import LOCAL, Grid
-from sinew.identify.stepped.oscillation import (
-    Drive,
-    Laws,
-    fundamentals,
-    lag_of,
-    lagging,
-    number_names,
-    oscillate,
-    swept,
-    top_of_sweep,
-)
-from sinew.identify.stepped.points import (
+from sinew.identify.points import (
     ResponsePoints,
     ResponseTests,
     ask_points,

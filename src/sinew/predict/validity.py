@@ -19,8 +19,8 @@ from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.check import mast_load
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.joints.section import Section
+from sinew.predict.design import section_of, shear_modulus_of
+from sinew.predict.section import Section
 from sinew.solve.curves import Problem
 from sinew.solve.programs import program
 from sinew.solve.rest import sunk

@@ -1,1 +1,0 @@
-"""One degree of freedom fitted to a stepped sine by harmonic balance."""
