@@ -70,3 +70,14 @@ def test_a_lost_motor_costs_only_its_own_fix(ward: Ward) -> None:
     written = apply_fixes(ward.rigged, ward.port, fixes)
     assert {f.severity for f in written if f.subject == "tendon 1"} == {"warning"}
     assert {f.severity for f in written if f.subject != "tendon 1"} == {"ok"}
+
+
+def test_a_port_that_goes_while_motors_are_written_ends_the_fixes(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
+    fixes = list_fixes(ward.findings())
+
+    def gone(_: bytes) -> None:
+        raise PortError("the port is gone")
+
+    monkeypatch.setattr(ward.port, "write", gone)
+    with pytest.raises(PortError, match="the port is gone"):
+        apply_fixes(ward.rigged, ward.port, fixes)

@@ -429,3 +429,10 @@ def test_a_motor_set_to_protocol_1_is_silent() -> None:
     bench = Bench()
     bench.put(M, "protocol_type", 1)
     assert bench.bus.ping(M).outcome is Outcome.SILENT
+
+
+def test_realtime_tick_counts_milliseconds_and_wraps_at_32768() -> None:
+    bench = Bench()
+    before, then = bench.get(M, "realtime_tick"), bench.port.now()
+    bench.port.wait_until(then + 32.768 + 0.1)
+    assert abs(bench.get(M, "realtime_tick") - before - 100) <= 2

@@ -168,3 +168,10 @@ def test_a_reply_says_in_a_sentence_what_happened() -> None:
     reply = Reply(4, Outcome.REFUSED, number=7, alert=True, attempts=2)
     facts = ("device 4", "error number", "locked while the torque is on", "asked 2 times", "hardware_error_status")
     assert [fact for fact in facts if fact not in str(reply)] == []
+
+
+def test_a_doubled_answer_is_not_taken_for_the_answer_to_the_next_question() -> None:
+    bus, line, _ = bench()
+    line.spoil = lambda n, wire: only_first(wire * 2)
+    bus.read(1, 132, 4)
+    assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])

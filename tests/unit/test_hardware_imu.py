@@ -171,3 +171,9 @@ def test_a_false_first_sample_costs_two_and_not_all() -> None:
     bounds = SensorBounds(paper_rig())
     told = [bounds.objection((30.0 if n == 0 else 0.0, 0, 0), (16_384, 0, 0), 5000 * n, 5000 * n) for n in range(4)]
     assert [bool(words) for words in told] == [False, True, False, False]
+
+
+def test_the_age_survives_the_wrap_of_the_nodes_clock() -> None:
+    reading = imu().decode(answer(sample_us=2**32 - 1000, clock_us=1500), 50.0)
+    assert reading is not None
+    assert reading.time == pytest.approx(50.0 - 2.5e-3)

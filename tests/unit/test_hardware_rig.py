@@ -310,3 +310,16 @@ def test_goals_are_one_packet_to_all(stand: Stand, mode: str, instruction: int) 
     rig.write_goals(0.0, [3.0 if mode == "position" else 0.3] * 4)
     stand.wait(0.01)
     assert [data[7] for data in sent] == [instruction]
+
+
+def test_the_time_of_a_reading_is_when_the_drives_registers_were_read(stand: Stand) -> None:
+    stand.ready()
+    stand.wait(0.1)
+    read_at: list[float] = []
+    drive = stand.rig.motors[5]
+    refresh = drive.refresh
+    drive.refresh = lambda address, length, now: (read_at.append(now), refresh(address, length, now))  # type: ignore[method-assign]
+    stand.rigged.write_goals(0.0, [motor.angle() for motor in stand.rigged.tendons])
+    read_at.clear()
+    reading = stand.rigged.read()
+    assert reading.time == pytest.approx(read_at[0], abs=20e-6)
