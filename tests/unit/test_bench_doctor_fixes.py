@@ -5,6 +5,7 @@ from tests.unit.bench_ward import Ward
 
 from sinew.bench.doctor import Finding, Fix, apply_fixes, examine_imu, list_fixes, time_loop
 from sinew.emulator.plant import Law
+from sinew.measure.errors import PortError
 
 
 @pytest.fixture
