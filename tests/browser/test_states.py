@@ -144,7 +144,7 @@ def test_no_notice_says_that_the_stop_works_while_steering_does_not_answer(
     stage.begin(name)
     watch(page)
     page.wait_for_selector("#sinew-stop:not([disabled])")
-    page.route(f"**:{stage.steward.settings.steering_port}/**", lambda route: route.abort())
+    page.route(f"**:{stage.steward.settings.access.steering_port}/**", lambda route: route.abort())
     stage.kill_pages()
     page.wait_for_selector("#sinew-notice-unreachable")
     page.wait_for_function("document.body.dataset.pages === 'lost'")
@@ -167,7 +167,7 @@ def test_a_run_that_ended_early_is_red_with_its_reason_at_the_top_and_can_be_res
     assert "Stopped by the operator" in said
     assert page.locator("#sinew-notice-ended").bounding_box()["y"] < 200
     assert page.evaluate("document.getElementById('sinew-state').classList.contains('bad')")
-    recorded = stage.steward.status(None)["last"]["groups_done"]
+    recorded = stage.steward.status()["last"]["groups_done"]
     page.click("#sinew-go-on")
     stage.until("running")
     watch(page)
@@ -213,7 +213,7 @@ def test_the_stop_is_the_first_tab_stop_of_every_page_and_stops(opened: Open, st
     assert is_uncovered(page)
     page.keyboard.press("Enter")
     page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
-    assert stage.steward.status(None)["emergency"] is not None
+    assert stage.steward.status()["emergency"] is not None
 
 
 def test_the_stop_needs_no_sign_in_on_the_machine_that_serves(opened: Open, stage: Stage, name: str) -> None:
@@ -263,7 +263,7 @@ def test_escape_once_stops_nothing(opened: Open, stage: Stage) -> None:
     for _ in range(3):
         page.keyboard.press("Escape")
         page.wait_for_timeout(700)
-    assert stage.steward.status(None)["emergency"] is None
+    assert stage.steward.status()["emergency"] is None
 
 
 @pytest.mark.realtime
@@ -308,7 +308,7 @@ def test_who_signs_out_is_no_more_in_control(opened: Open, stage: Stage) -> None
     assert other.locator("#sinew-out").is_hidden()
     page.click("#sinew-out")
     page.wait_for_function("document.querySelector('#sinew-who')?.innerText === 'You only watch'")
-    assert stage.steward.status(None)["operator"] is None
+    assert stage.steward.status()["operator"] is None
 
 
 def test_a_start_is_offered_to_whoever_can_start(opened: Open, stage: Stage) -> None:

@@ -55,8 +55,8 @@ def begin(tmp_path: Path) -> "Iterator[Callable[..., tuple[Served, Commands]]]":
 
 
 def started(served: Served, name: str, text: str, rig: str = RIG) -> dict[str, object]:
-    """Have an operator start a plan, and return what is answered."""
-    answer = served.operator().says("start", name=name, plan=text, rig=rig)
+    """Have a page start a plan, and return what is answered."""
+    answer = served.page().says("start", name=name, plan=text, rig=rig)
     return dict(answer.json())
 
 
@@ -159,13 +159,13 @@ def test_an_emulated_bench_that_was_killed_at_rest_is_said_to_be_gone_and_begun_
     begin: Callable[..., tuple[Served, Commands]],
 ) -> None:
     served, commands = begin()
-    before = served.steward.status(None)["bench"]["is_there"]
+    before = served.steward.status()["bench"]["is_there"]
     emulator = served.steward._emulator
     assert emulator is not None
     assert emulator._process is not None
     emulator._process.send_signal(9)
-    until(lambda: not served.steward.status(None)["bench"]["is_there"])
+    until(lambda: not served.steward.status()["bench"]["is_there"])
     started(served, "one", plan())
     until(lambda: served.runs_as("running"))
-    assert (before, served.steward.status(None)["bench"]["is_there"]) == (True, True)
+    assert (before, served.steward.status()["bench"]["is_there"]) == (True, True)
     assert [words[0] for words in commands.words].count("emulate") == 2

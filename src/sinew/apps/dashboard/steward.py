@@ -186,56 +186,20 @@ class PageProcess:
             return False
 
 
-# One page controls the bench at most, until it gives that up, signs out, or another one takes over.
-
-
-class Controller:
-    """Which page is in control. A page has made its own id, and says it with each command.
-
-    page, session: which it is, None for nobody. since: when it took control [s since 1970].
-    """
-
-    def __init__(self) -> None:
-        self.page: str | None = None
-        self.session: str | None = None
-        self.since = 0.0
-
-    def take(self, page: str, session: str | None, *, is_sure: bool) -> str:
-        """Put a page in control and return a sentence. Raises RefusedError where another one is, and it is not sure."""
-        before = self.page
-        if before == page:
-            return "this page is in control already"
-        if before is not None and not is_sure:
-            raise RefusedError(409, "another page is in control; confirm to take over", taken=True)
-        self.page, self.session, self.since = page, session, time.time()
-        return "this page is in control now" + ("; another page was before" if before else "")
-
-    def require(self, page: str) -> None:
-        """Raise RefusedError where a page is not in control."""
-        if self.page != page:
-            other = "another page is in control; take over first"
-            raise RefusedError(403, "nobody is in control; take control first" if self.page is None else other)
-
-
 # Commands to the bench arrive: an application of a few lines, on a port of its own, beside the page.
 #
 # The page's server draws, streams and computes, and may be busy. Nothing of that happens here: what may block runs in
 # threads, and the emergency stop in one that is kept for it.
 
-PAGE_HEADER = "X-Sinew-Page"
-"""Header in which a page says its id when it asks for the status."""
-
 _Text = Annotated[str, Field(max_length=256 * 1024)]
 
 
 class SteeringCommand(BaseModel):
-    """What a page says. page: its id, which it made itself. confirmed: whether it takes over from another one."""
+    """What a page says, of whoever is signed in: one run at a time takes commands, so pages need no order."""
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    page: Annotated[str, Field(min_length=8, max_length=64)]
-    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop", "shelve"]
-    confirmed: bool = False
+    command: Literal["start", "continue", "pause", "resume", "hold", "release", "stop", "shelve"]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
@@ -257,7 +221,7 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
     """
 
     async def status(request: Request) -> Response:
-        told = steward.status(request.headers.get(PAGE_HEADER))
+        told = steward.status()
         told |= {"signed_in": access.is_signed_in(request), "may_stop": access.may_stop(request)}
         if access.bearer_is_right(request):  # the server of the pages, which lets no ended session in
             told["signed_out"] = sorted(access.signed_out)
@@ -267,10 +231,8 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
         session = access.session(request)
         if session is not None:  # it is over for both servers, and for good
             access.signed_out.add(session)
-            if steward.controller.session == session:
-                steward.controller.page = None
         answer = said(200, "signed out")
-        access.set_cookie(answer, request, "")
+        access.set_cookie(answer, "")
         return answer
 
     async def command(request: Request) -> Response:
@@ -288,7 +250,7 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
             return said(400, "found no JSON object, expected a command")
         try:
             asked = SteeringCommand.model_validate(told)
-            return said(200, await _carry_out(steward, asked, access.session(request)))
+            return said(200, await asyncio.to_thread(_carry_out, steward, asked))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             where = ".".join(map(str, first["loc"])) or "the command"
@@ -301,33 +263,24 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
         Route("/logout", sign_out, methods=["POST"]),
         Route("/status", status, methods=["GET"]),
     ]
-    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=("/command",))
+    gate = Gate(Starlette(routes=routes), access, free=("/command",))
     return CORSMiddleware(
         gate,
         allow_origins=access.origins(),
         allow_credentials=True,
         allow_methods=["GET", "POST"],
-        allow_headers=["Content-Type", "Authorization", PAGE_HEADER],
+        allow_headers=["Content-Type", "Authorization"],
     )
 
 
-async def _carry_out(steward: "Steward", command: SteeringCommand, session: str | None) -> str:
-    controller = steward.controller
-    if command.command == "take":
-        return controller.take(command.page, session, is_sure=command.confirmed)
-    controller.require(command.page)
-    if command.command == "give":
-        controller.page = None
-        return "nobody is in control now"
+def _carry_out(steward: "Steward", command: SteeringCommand) -> str:
     if command.command == "start":
-        return await asyncio.to_thread(steward.start, *command.needed("name", "plan", "rig"))
+        return steward.start(*command.needed("name", "plan", "rig"))
     if command.command == "continue":
-        return await asyncio.to_thread(steward.go_on, *command.needed("name"))
+        return steward.go_on(*command.needed("name"))
     if command.command == "shelve":
-        return await asyncio.to_thread(
-            put_on_shelf, steward.runs, *command.needed("shelf", "name", "text"), replace=command.replace
-        )
-    return await asyncio.to_thread(steward.tell, command.command)
+        return put_on_shelf(steward.runs, *command.needed("shelf", "name", "text"), replace=command.replace)
+    return steward.tell(command.command)
 
 
 _RUN_ENDS_S = 60.0
@@ -345,7 +298,6 @@ class Settings:
     """
 
     access: Access
-    steering_port: int
     runs: Path
     bench: str | None = None
     port: str | None = None
@@ -358,7 +310,7 @@ class Settings:
 
 
 class Steward:
-    """Who holds a bench, its run and the page together, and which page is in control; a context manager.
+    """Who holds a bench, its run and the page together; a context manager.
 
     runs: folder of the runs. hurry: set where the end is not to wait for a run.
     Raises SinewError on entering, before anything has begun, where a port, the folder or the rig is not to be had.
@@ -366,7 +318,6 @@ class Steward:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.controller = Controller()
         self._spec = load_rig(settings.rig)
         self.runs = settings.runs.absolute()
         self._emulator = BenchEmulator(self.runs / BENCH, settings.command) if settings.bench == "emulator" else None
@@ -417,20 +368,19 @@ class Steward:
         played = self._emulator.spec if self._emulator is not None else None
         return self._desk.rig or played or self._spec
 
-    def status(self, asking: str | None) -> dict[str, Any]:
-        """Return what is going on, as seen by the page whose id is `asking`; never blocks."""
+    def status(self) -> dict[str, Any]:
+        """Return what is going on; never blocks."""
         last = self._emergency.last
         if last is not None and last.at < self._desk.newest_s:
             last = None  # a run has begun since, so it is over, whatever became of that run
         is_there = self._emulator is None or self._emulator.is_there
-        elsewhere, controller = self._desk.elsewhere, self.controller
+        elsewhere = self._desk.elsewhere
         return {
             "time_s": time.time(),
             "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig, "is_there": is_there},
             "run": self._desk.document(),
             "last": self._desk.last,
             "elsewhere": elsewhere and elsewhere.name,
-            "operator": controller.page and {"since": controller.since, "mine": asking == controller.page},
             "page": self._page.state,
             "emergency": last and {**asdict(last), "took_ms": 1e3 * last.took},
             "stopping": self._emergency.is_under_way,
@@ -500,7 +450,7 @@ class Steward:
         """Return the socket of the steering port; nobody else serves these runs, and the page's port is free."""
         access = self.settings.access
         _listener(access.host, access.port).close()
-        steering = ends.enter_context(_listener(access.host, self.settings.steering_port))
+        steering = ends.enter_context(_listener(access.host, self.settings.access.steering_port))
         try:
             (self.runs / BENCH).mkdir(parents=True, exist_ok=True)
             lock = ends.enter_context((self.runs / BENCH / "steward.lock").open("w"))
@@ -534,9 +484,7 @@ class Steward:
             "key": access.key,
             "http_host": access.host,
             "http_port": access.port,
-            "hosts": access.hosts,
             "own_names": access.own_names,
-            "steering_port": settings.steering_port,
             "runs": str(self.runs),
             "bench": settings.bench,
             "rig": settings.rig,
@@ -574,7 +522,5 @@ def _listener(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         reason = error.strerror or str(error)
-        raise SpecError(
-            f"cannot listen on {host} port {port} ({reason}); choose another with --http or --steering-port"
-        ) from error
+        raise SpecError(f"cannot listen on {host} port {port} ({reason}); choose another with --http") from error
     return listener

@@ -118,7 +118,7 @@ class _Sliders:
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
                     )
-                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, needs_operator=True)
+                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, steers=True)
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
                 self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
@@ -333,7 +333,7 @@ class _Sliders:
         return f"{name.removesuffix('.toml')}.toml", text
 
     async def _put_on_shelf(self) -> None:
-        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
+        """Have the viewer's browser put the rig on the shelf; over another one only when asked a second time."""
         self._saved.set_text("The rig is being saved.")
         self._plan_it.set_visibility(False)
         if (made := await self._rig()) is None:

@@ -87,7 +87,7 @@ class _Desk:
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name on the shelf", validation={SHELF_NAME: _is_file_name})
                     self._name.props("outlined dense for=sinew-plan-name")
-                    self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
+                    self._save = plain_button("Save", "sinew-plan-save", self._keep, steers=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
                     why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
@@ -305,7 +305,7 @@ class _Desk:
         self._start.props(f'data-ready={"no" if toml is None else "yes"} data-why="{why}"')
 
     def _ask_to_start(self) -> None:
-        """Have the operator's browser ask the steward: this process steers nothing."""
+        """Have the viewer's browser ask the steward: this process steers nothing."""
         if self._toml is None:
             return
         if not is_run_name(self._run.value):
@@ -320,7 +320,7 @@ class _Desk:
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
 
     async def _keep(self) -> None:
-        """Have the operator's browser put the plan on the shelf; over another one only when asked a second time."""
+        """Have the viewer's browser put the plan on the shelf; over another one only when asked a second time."""
         name, text = self._name.value.strip(), self._text.value
         if not _is_file_name(name):
             say(f"A plan's name on the shelf takes {SHELF_NAME}.")
@@ -343,11 +343,11 @@ class _Desk:
                 self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=file)
 
 
-def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
-    """Return a plain button; steering.js knows whether this page is in control."""
+def plain_button(text: str, name: str, act: Any, *, steers: bool = False) -> ui.element:
+    """Return a plain button. steers: it is for who is signed in, which steering.js knows."""
     made = ui.element("button").props(f"type=button {f'id={name}' if name else ''}").classes("sinew-button")
-    if needs_operator:
-        made.props("data-operator=ready disabled")
+    if steers:
+        made.props("data-steers=ready disabled")
     with made.on("click", act):
         ui.html(html.escape(text), sanitize=False, tag="span")
     return made
