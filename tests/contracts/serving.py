@@ -140,8 +140,8 @@ class Served:
 
 
 @contextmanager
-def serving(runs: Path, *, awaits: bool = True, **settings: Any) -> Iterator[Served]:
-    """Give a steward with a bench that is none; what it began is over at the end. awaits: an emulated bench."""
+def serving(runs: Path, **settings: Any) -> Iterator[Served]:
+    """Give a steward with a bench that is none; what it began is over at the end."""
     port, bench = free_port(), Bench()
     bench.gate.set()
     access = Access(TOKEN, "127.0.0.1", port)
@@ -160,8 +160,6 @@ def serving(runs: Path, *, awaits: bool = True, **settings: Any) -> Iterator[Ser
         steward,
         httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE, verify=False) as client,
     ):
-        if awaits:
-            steward.await_bench(threading.Event())
         served = Served(steward, steward.settings.access, client, bench)
         try:
             yield served

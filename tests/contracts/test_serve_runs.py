@@ -302,7 +302,7 @@ def test_a_run_ends_with_the_steward(tmp_path: Path, bench: str) -> None:
         served.steward.__exit__()
     assert run is not None
     assert run.process.poll() == 0
-    assert emulator is None or not emulator.is_there
+    assert emulator is None or not emulator.is_ready
 
 
 def test_a_page_server_that_dies_is_begun_again_and_the_run_does_not_notice(served: Served) -> None:

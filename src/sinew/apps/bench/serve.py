@@ -79,7 +79,6 @@ def serve(
         signal.signal(signal.SIGQUIT, lambda *_: threading.Thread(target=_stop_bench, args=(steward,)).start())
         _await_page(steward, over)
         _say_ready(steward, access, as_json=json)
-        steward.await_bench(over)
         over.wait()
         if (left := steward.run_left()) is not None:
             remark(f"the run {left} is stopped; Ctrl-C again does not wait")

@@ -97,11 +97,14 @@ class Order:
 class Emergency:
     """The thread that brings a bench to rest. control: asks a run. rest: stops a bench that no run holds.
 
-    elsewhere: gives the folder of a run that was begun in a terminal and may hold the bench, if any.
+    elsewhere: gives the folder of a run that was begun in a terminal and may hold the bench, if any. is_emulated:
+    whether the bench is, so that nothing moves where there is no port.
     """
 
-    def __init__(self, control: Control, rest: Rest, elsewhere: Callable[[], Path | None] = lambda: None) -> None:
-        self._control, self._rest, self._elsewhere = control, rest, elsewhere
+    def __init__(
+        self, control: Control, rest: Rest, elsewhere: Callable[[], Path | None], is_emulated: bool = False
+    ) -> None:
+        self._control, self._rest, self._elsewhere, self._is_emulated = control, rest, elsewhere, is_emulated
         self._thread = ThreadPoolExecutor(1, "emergency")
         self._thread.submit(int).result()
         self._lock = threading.Lock()
@@ -154,7 +157,8 @@ class Emergency:
         there = self._elsewhere() if run is None else None
         said = self._ask(there) if there is not None else None
         if port is None:
-            return bool(before), f"{before}no bench is connected here, so no motor was told anything"
+            what = "emulated bench is there" if self._is_emulated else "bench is connected here"
+            return bool(before) or self._is_emulated, f"{before}no {what}, so no motor was told anything"
         rig = spec if run is None else run.specs.rig
 
         def tell_frozen(report: StopReport) -> None:

@@ -310,7 +310,7 @@ class RunDesk:
             raise RefusedError(409, str(trouble)) from trouble
         finally:
             self._is_starting = False
-        return sentence + (" once the emulated bench is there, which is begun anew for it" if way.wait_s else "")
+        return sentence
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, and return what it answers. Raises RefusedError where it does not do it."""

@@ -47,49 +47,33 @@ from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 
-_READY_S = 90.0
-_ANEW_S = 180.0  # until its port is there, on a busy computer; in space there is a quarter of a minute to compile
+_ANEW_S = 180.0  # until the port of an emulator is there, on a busy computer; in space it compiles for some seconds
 _END_S = 5.0
 _LOOK_S = 0.05
 
 
 class BenchEmulator:
-    """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json).
+    """`sinew emulate` in a process of its own, begun anew for each run as the rig of that run.
 
-    spec: the rig that it plays. is_in_space: whether it plays a head with mass, that bends and sways; a second of it
-    costs thirty times as much, so it is begun where a plan bends.
+    folder: for its link, its log and what truly happened (truth.json).
     """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
         self._folder, self._command = folder, command
-        self._log = folder / "emulator.log"
         self._process: Process | None = None
         self.port = str(folder / "port")
-        self.spec: RigSpec | None = None
-        self.is_in_space = False
-
-    @property
-    def is_there(self) -> bool:
-        """Whether the emulator goes on."""
-        return self._process is not None and self._process.poll() is None
 
     @property
     def is_ready(self) -> bool:
         """Whether its port is there; not for a while after it was begun."""
-        return self.is_there and Path(self.port).exists()
+        return self._process is not None and self._process.poll() is None and Path(self.port).exists()
 
-    def plays(self, spec: RigSpec, *, in_space: bool) -> bool:
-        """Return whether it plays such a rig; what is known of its certainty does not count."""
-        return in_space == self.is_in_space and self.spec is not None and spec.model_dump() == self.spec.model_dump()
+    def begin(self, spec: RigSpec, seed: int, *, in_space: bool) -> None:
+        """Begin an emulator that plays a rig, and end the one before. Raises OSError where there can be no process.
 
-    def begin(self, spec: RigSpec, seed: int, *, in_space: bool = False) -> None:
-        """Begin an emulator that plays a rig, whose head bends and sways or only turns; end the one before.
-
-        Its port is there after a while, see `await_ready`. Raises OSError where there can be no process.
+        in_space: whether it plays a head with mass, that bends and sways; a second of it costs thirty times as much.
         """
         self.close()
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self.spec, self.is_in_space = spec, in_space
         for link in self._folder.glob("port*"):
             if link.is_symlink():  # of an emulator that is gone, or goes in some seconds
                 forget_socket(link.readlink())
@@ -98,18 +82,7 @@ class BenchEmulator:
         rig.write_text(dump_rig(spec), encoding="utf-8")
         words = ["emulate", "--link", self.port, "--rig", str(rig), "--seed", str(seed)]
         words += ["--truth", str(self._folder / "truth.json"), "--force", "--json"]
-        self._log.unlink(missing_ok=True)
-        self._process = spawn(self._command(*words, *(["--in-space"] if in_space else [])), self._log)
-
-    def await_ready(self, over: threading.Event) -> None:
-        """Wait until the port is there, unless that is over before. Raises FileError where it does not get ready."""
-        end = time.monotonic() + _READY_S
-        while not self.is_ready and not over.wait(_LOOK_S):
-            if not self.is_there or time.monotonic() >= end:
-                said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
-                words = next(filter(None, reversed(said)), "it says nothing")
-                self.close()
-                raise FileError(f"the emulator does not get ready: {words}; see {self._log}")
+        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._folder / "emulator.log")
 
     def close(self) -> None:
         """End the emulator."""
@@ -322,7 +295,8 @@ class Steward:
         self.runs = settings.runs.absolute()
         self._emulator = BenchEmulator(self.runs / BENCH, settings.command) if settings.bench == "emulator" else None
         self._desk = RunDesk(self.runs, settings.control, settings.command)
-        self._emergency = Emergency(settings.control, settings.rest, lambda: self._desk.elsewhere)
+        is_emulated = self._emulator is not None
+        self._emergency = Emergency(settings.control, settings.rest, lambda: self._desk.elsewhere, is_emulated)
         self._page = self._page_process()
         self._ends = ExitStack()
         self.hurry = threading.Event()
@@ -333,7 +307,6 @@ class Steward:
             steering = self._claim(ends)
             if self._emulator is not None:
                 ends.callback(self._emulator.close)
-                self._emulator.begin(self._spec, self.settings.seed)
             ends.callback(self._desk.close)
             self._desk.open()
             self._serve(steering, ends)
@@ -347,11 +320,6 @@ class Steward:
     def __exit__(self, *_: object) -> None:
         self._ends.close()
 
-    def await_bench(self, over: threading.Event) -> None:
-        """Wait until an emulated bench is there, unless that is over before. Raises FileError where it never is."""
-        if self._emulator is not None:
-            self._emulator.await_ready(over)
-
     @property
     def page_state(self) -> str:
         """Whether the page server is up, starting or down."""
@@ -363,21 +331,19 @@ class Steward:
         return self._emulator.port if self._emulator is not None else self.settings.port
 
     @property
-    def _bench_spec(self) -> RigSpec:
-        """The rig of the run under way or the last one, else the one that is emulated or served."""
-        played = self._emulator.spec if self._emulator is not None else None
-        return self._desk.rig or played or self._spec
+    def _motors(self) -> str | None:
+        """The port behind which motors may move; None where there is no bench, or no emulator is there."""
+        return self.settings.port if self._emulator is None else self.port if self._emulator.is_ready else None
 
     def status(self) -> dict[str, Any]:
         """Return what is going on; never blocks."""
         last = self._emergency.last
         if last is not None and last.at < self._desk.newest_s:
             last = None  # a run has begun since, so it is over, whatever became of that run
-        is_there = self._emulator is None or self._emulator.is_there
         elsewhere = self._desk.elsewhere
         return {
             "time_s": time.time(),
-            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig, "is_there": is_there},
+            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig},
             "run": self._desk.document(),
             "last": self._desk.last,
             "elsewhere": elsewhere and elsewhere.name,
@@ -397,28 +363,21 @@ class Steward:
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun anew where it has ended, where it plays another rig than the run's, or the run needs a
-        head that bends, or no longer does; the run waits for it.
+        An emulated one is begun for the run, which waits for it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
         if self._emergency.is_under_way:
             raise RefusedError(409, "the bench is being brought to rest; wait until it is")
-        emulator = self._emulator
-        if emulator is None:
+        if self._emulator is None:
             return Way(self.port)
-        if emulator.is_there and emulator.plays(specs.rig, in_space=specs.sways):
-            return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
         if specs.sways and specs.rig.space is None:
             raise RefusedError(
                 409,
                 f"the rig {specs.rig.name} has no [space], so its emulated head cannot bend; choose one that has the "
                 "masses of head and lever",
             )
-        try:
-            emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
-        except OSError as trouble:
-            raise RefusedError(409, f"the emulator cannot be begun anew: {trouble.strerror or trouble}") from trouble
+        self._emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
         return Way(self.port, _ANEW_S)
 
     def tell(self, command: str) -> str:
@@ -426,20 +385,17 @@ class Steward:
 
         Raises RefusedError.
         """
-        if command not in ("hold", "release", "stop") or not self._desk.is_idle or self.port is None:
+        if command not in ("hold", "release", "stop") or not self._desk.is_idle or self._motors is None:
             return self._desk.tell(command)
-        state = None if command == "stop" else command
-        outcome = self._emergency.order(None, self.port, self._bench_spec, state, is_emergency=False).end.result()
+        state, spec = None if command == "stop" else command, self._desk.rig or self._spec
+        outcome = self._emergency.order(None, self._motors, spec, state, is_emergency=False).end.result()
         if not outcome.is_safe:
             raise RefusedError(409, outcome.sentence)
         return outcome.sentence
 
     def order_emergency(self) -> Order:
         """Bring the bench to rest at once, from any thread, and return what will tell how that goes."""
-        run = self._desk.alarm()
-        # Of an emulated bench that is being begun anew no motor moves, and there is none to be told anything.
-        is_there = self._emulator is None or self._emulator.is_ready or not self._emulator.is_there
-        return self._emergency.order(run, self.port if is_there else None, self._bench_spec)
+        return self._emergency.order(self._desk.alarm(), self._motors, self._desk.rig or self._spec)
 
     def run_left(self) -> str | None:
         """Return the name of the run under way; None where there is none."""

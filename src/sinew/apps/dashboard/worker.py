@@ -72,8 +72,8 @@ CALLS = {
     **_calls("results", "quick", _SHORT_S, "measured_so_far"),
     **_calls("samples", "quick", _SHORT_S, "samples_about", "samples_piece", "samples_spectrum"),
     **_calls("design", "quick", _SHORT_S, "plan_outline"),
-    **_calls("design", "preview", 2 * _SHORT_S, "preview_document", "design_curves", "rig_text"),
-    **_calls("design", "sketch", 2 * _SHORT_S, "sketch_curves"),
+    **_calls("design", "preview", 2 * _SHORT_S, "preview_document", "rig_text"),
+    **_calls("design", "sketch", 2 * _SHORT_S, "design_curves"),
     **_calls("design", "heavy", _LONG_S, "prediction_for_plan"),
     **_calls("results", "results", _LONG_S, "run_results", "prediction_of_run", "download"),
 }

@@ -26,8 +26,7 @@ from sinew.plan.toml import MOST_CHARACTERS, parse_plan
 _TYPING_S = 0.4
 _ANSWER_S = 10.0
 _FIRST_PLAN, _QUICK_PLAN = "first", "quick"
-_BENDS = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
-_ANEW = "The emulated bench is begun anew as this rig, where it plays another: that takes some seconds."
+_BENDS = "The emulated bench begins with a head that bends: that takes half a minute."
 _AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
 _DRAFTS = "sinew-plans"
 _MOST_DRAFTS = 10
@@ -283,8 +282,8 @@ class _Desk:
             if pose:
                 bent = f"The head is bent by {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
                 ui.label(f"{bent}; its largest torsion is not foretold.").props("id=sinew-pose")
-            if self._site.bench == "emulator" and (pose or self._rig != self._site.rig):
-                ui.label(_BENDS if pose else _ANEW).classes("sinew-soft")
+            if self._site.bench == "emulator" and pose:
+                ui.label(_BENDS).classes("sinew-soft")
             twists = {row["pretension_mm"]: f"{row['torsion_deg']:.0f}" for row in found["torsion"]}
             rows = [
                 (f"{row['pretension_mm']:g}", f"{row['tension_n']:.1f}", twists.get(row["pretension_mm"], "–"))

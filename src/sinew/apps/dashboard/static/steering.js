@@ -175,9 +175,6 @@ const DOING = { starting: "begins", preparing: "begins", finishing: "writes its 
 const BEGINS = ["starting", "preparing"];
 const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
 
-// Whether the process that plays the bench is gone.
-const hasEnded = () => status?.bench?.is_there === false;
-
 function mayStart() {
   if (reachable === false) return "Steering does not answer.";
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
@@ -199,7 +196,6 @@ function show() {
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
   else if (status.elsewhere) { text = `${status.elsewhere} runs in a terminal`; how = "warn"; }
-  else if (hasEnded()) { text = "has ended"; how = "bad"; }
   else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
   const chip = $("sinew-state");
@@ -235,7 +231,7 @@ function gate() {
   if (!start) return;
   const why = mayStart();
   start.disabled = start.dataset.ready !== "yes" || Boolean(why);
-  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? hasEnded() ? "The emulated bench has ended; a start begins it anew." : "" : start.dataset.why || "The plan is looked at."));
+  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : start.dataset.why || "The plan is looked at."));
 }
 
 let seenStop = null; // the emergency stop whose notice was closed in this tab

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
     from sinew.predict.band import Band
-    from sinew.predict.joints.validity import Check
-    from sinew.solve.branch import Branch, Mark, Prediction
+    from sinew.solve.branch import Branch, Mark
 
 
 _CHANGES = ("length_mm", "outer_mm", "tendon_circle_mm", "lever_inertia_kg_m2")
@@ -26,35 +25,42 @@ def design_curves(
     pretension_mm: float,
     amplitude_deg: float,
     band_hz: Sequence[float] = (1.0, 6.0),
-    fine: bool = False,
 ) -> dict[str, Any]:
     """Return the predicted response of a joint that is built or not.
 
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
-    pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
-    fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
-    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.predicted`).
+    pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency. It is a sketch
+    in some 50 ms, whose amplitudes are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency
+    (`sinew.predict.predicted`).
 
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
     lever), `phase_deg` (lag behind the lever), `torsion_deg`, `stable`. `folds`, `peak`, `phase_90`: each with
     `frequency_hz`, `gain`, `phase_deg`. `damping`: Lehr's D by the slope of the lag over frequency where it is 90°,
-    D = 1/(f dφ/df), None where it is not passed. `validity`: rows of check, value, limit, holds, sentence; of a sketch
-    None. Further `error_estimate`, `complete`, `message`.
+    D = 1/(f dφ/df), None where it is not passed. `validity`: rows of check, value, limit, holds, sentence. Further
+    `error_estimate`, `complete`, `message`.
     Raises SpecError where a number cannot be meant.
     """
     from sinew.apps.joints.options import rig_asked
+    from sinew.predict.joint import joint_problem
+    from sinew.predict.joints.validity import check_joint, loads_of
+    from sinew.predict.predicted import sketch
+    from sinew.solve.programs import configure
 
+    configure()
     made = changed_rig(base_rig(rig), changes)
     low, high = (float(hertz) for hertz in band_hz)
     rig_asked(repr(float(pretension_mm)), amplitude_deg, "position", None, low, high)
-    prediction, checks = _predicted(made, float(pretension_mm), amplitude_deg, (low, high), fine)
+    problem = joint_problem(made, [float(pretension_mm)], amplitude_deg, (low, high))
+    prediction = sketch(problem, (low, high))
     branch = prediction.branches[0]
+    torsion = branch.amplitude.max(initial=0.0, keepdims=True)
+    checks = check_joint(made, [float(pretension_mm)], loads_of(problem, torsion), tilt_held=True)
     return {
         **curve_document(branch, math.radians(amplitude_deg)),
         "damping": slope_damping(branch),
         "error_estimate": prediction.error_estimate,
-        "validity": None if checks is None else [c.to_dict() for c in checks],
+        "validity": [c.to_dict() for c in checks],
     }
 
 
@@ -76,10 +82,6 @@ def slope_damping(branch: "Branch") -> float | None:
         return None
     slope = -np.polyfit(off, 1 / np.tan(branch.phase[near]), min(2, near.size - 1))[-2]
     return 1 / float(slope) if slope > 0 else None
-
-
-sketch_curves = functools.partial(design_curves, fine=False)
-"""The sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
 
 
 def changed_rig(base: "RigSpec", changes: Mapping[str, float | None]) -> "RigSpec":
@@ -116,27 +118,6 @@ def base_rig(rig: str) -> "RigSpec":
     from sinew.plan.toml import load_rig, parse_rig
 
     return parse_rig(rig) if "\n" in rig else load_rig(rig)
-
-
-def _predicted(
-    rig: "RigSpec", pretension_mm: float, amplitude_deg: float, band_hz: tuple[float, float], fine: bool
-) -> "tuple[Prediction, list[Check] | None]":
-    """Return (prediction, checks of what is assumed; of a sketch, which is made while a slider moves, None)."""
-    import numpy as np
-
-    from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.joints.validity import check_joint, loads_of
-    from sinew.predict.predicted import sketch
-    from sinew.solve.curves import predict
-    from sinew.solve.programs import configure
-
-    configure()
-    problem = joint_problem(rig, [pretension_mm], amplitude_deg, band_hz)
-    if not fine:
-        return sketch(problem, band_hz), None
-    prediction = predict(problem, band_hz, RESOLUTION)
-    torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
-    return prediction, check_joint(rig, [pretension_mm], loads_of(problem, torsion), tilt_held=True)
 
 
 def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
