@@ -67,11 +67,6 @@ def test_a_prediction_has_a_curve_for_each_pretension_in_the_plans_order() -> No
     assert [curve["pretension_mm"] for curve in found["curves"]] == [8, 2]
 
 
-def test_a_predicted_gain_is_the_torsion_over_the_commanded_amplitude() -> None:
-    (curve, _) = prediction_for_plan(PLAN, RIG)["curves"]
-    assert curve["gain"] == pytest.approx([torsion / 15 for torsion in curve["torsion_deg"]])
-
-
 def test_a_rig_that_does_not_know_how_certain_it_is_has_no_bands() -> None:
     found = prediction_for_plan(PLAN, RIG, 10)
     assert not found["can_have_bands"]

@@ -272,7 +272,7 @@ class _Sliders:
         """Draw what is known of the joint and of the rig as built; it computes nothing."""
         joints = {"this joint": self._found, "as built": self._as_built}
         self._gain.marks = [(f["frequency_hz"], f["gain"], "fold") for f in (self._found or {"folds": []})["folds"]]
-        for curves, what in ((self._gain, "gain"), (self._phase, "phase_deg")):
+        for curves, what in ((self._gain, "gain"), (self._phase, "phase")):
             curves.draw(
                 [
                     Curve(name, found["frequency_hz"], found[what], (), (), True, found["stable"], number)
@@ -290,9 +290,8 @@ class _Sliders:
         if not trouble:
             self._checks.clear()
             with self._checks:
-                for check in found["validity"]:
-                    if not check["holds"]:
-                        ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
+                for sentence in found["warnings"]:
+                    ui.label(f"Mind: {sentence}").classes("sinew-warn")
 
     async def _rig(self) -> tuple[str, str] | None:
         """Return (name of its file, text) of the joint as a rig; None where it cannot be one, which is said."""
