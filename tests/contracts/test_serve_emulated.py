@@ -15,8 +15,7 @@ from tests.contracts.emulated_bench import alone
 from tests.contracts.serving import PAGE, PATIENCE, RIG, TOKEN, Page, Served, free_port, serving, until
 
 from sinew.apps.bench.run_control import send_control
-from sinew.apps.dashboard.emergency import bring_to_rest
-from sinew.apps.dashboard.run_desk import LOG, ending_of, sinew_command
+from sinew.apps.dashboard.run_desk import LOG, bring_to_rest, ending_of, sinew_command
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.apps.dashboard.judgement import judge, judged, misses, tally
+from sinew.apps.dashboard.work.results import judge, judged, misses, tally
 
 PLAIN = {"pretension_mm": 2.0, "frequency_hz": [2.0, 3.0, 4.0], "gain": [1.0, 2.0, 1.0], "phase": [10.0, 90.0, 170.0]}
 BAND = {"gain_low": [0.9, 1.7, 0.9], "gain_high": [1.1, 2.3, 1.1]}

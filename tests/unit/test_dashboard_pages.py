@@ -14,10 +14,10 @@ from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.analysis.runs import parse_search
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
-from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import part, quantity
 from sinew.apps.dashboard.pages.runs import looks, trend_options
+from sinew.apps.dashboard.work.results import Verdict
 from sinew.apps.dashboard.worker import TooSlowError
 from sinew.plan.toml import dump_plan, load_plan
 

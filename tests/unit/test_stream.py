@@ -15,7 +15,7 @@ from sinew.bench.record.journal import JournalReader
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 
-from sinew.apps.dashboard.work.streamed import SAMPLES, RunStream
+from sinew.apps.bench.stream import SAMPLES, RunStream
 
 MESSAGE = 1
 """Opcode of a message: then the subscription, 4 bytes, and the time in nanoseconds, 8, little-endian."""

@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import unlinked
-from sinew.apps.dashboard.judgement import Readings, judged
+from sinew.apps.dashboard.work.results import judged
 from sinew.apps.dashboard.work.samples import (
     GAP_S,
     TORSION,
@@ -31,6 +31,7 @@ from sinew.apps.dashboard.work.samples import (
     JournalTail,
     LiveChannels,
     News,
+    Readings,
     drawn_rig,
     dumped,
     thin,
@@ -295,7 +296,7 @@ class Results:
     predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
     certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
     `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}, each point with its verdict
-    (see `sinew.apps.dashboard.judgement.judged`). damping: of ring-downs. basis: what the prediction rests on.
+    (see `sinew.apps.dashboard.work.results.judged`). damping: of ring-downs. basis: what the prediction rests on.
     remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
     something is missing. is_predicting: whether a prediction was ever asked for. version: rises with every change.
     """

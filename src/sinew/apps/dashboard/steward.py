@@ -28,15 +28,18 @@ from starlette.types import ASGIApp
 from sinew import __version__
 from sinew.apps.bench.run_control import forget_socket, send_control
 from sinew.apps.dashboard.access import Access, Gate, said, server_config
-from sinew.apps.dashboard.emergency import Emergency, Order, Rest, bring_to_rest
 from sinew.apps.dashboard.folders import BENCH, RefusedError
 from sinew.apps.dashboard.run_desk import (
     Control,
+    Emergency,
+    Order,
     Process,
+    Rest,
     RunDesk,
     Specs,
     Way,
     await_end,
+    bring_to_rest,
     end_process,
     let_go,
     sinew_command,

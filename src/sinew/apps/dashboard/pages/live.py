@@ -11,7 +11,6 @@ from starlette.concurrency import run_in_threadpool
 from sinew.apps.dashboard.access import said
 from sinew.apps.dashboard.folders import is_run_name, unlinked
 from sinew.apps.dashboard.hub import Results
-from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import (
     Site,
@@ -25,6 +24,7 @@ from sinew.apps.dashboard.pages.frame import (
     script,
 )
 from sinew.apps.dashboard.work import samples as reader
+from sinew.apps.dashboard.work.results import misses, tally
 from sinew.apps.dashboard.work.samples import MOST_LEVEL, SHORT_LEVEL, SHORT_S, drawn_rig
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import load_rig

@@ -15,7 +15,6 @@ from sinew.analysis.runs import COMMON, QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.hub import basis_of, numbered
-from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
 from sinew.apps.dashboard.pages.frame import (
     Site,
@@ -28,6 +27,7 @@ from sinew.apps.dashboard.pages.frame import (
     quantity,
     tabulate,
 )
+from sinew.apps.dashboard.work.results import judged, misses, tally
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
