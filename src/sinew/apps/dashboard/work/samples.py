@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -379,12 +378,8 @@ PIECE_BINS = 512
 
 FINEST_HZ = 1024.0
 MOST_LEVEL = 20  # bins of 17 minutes
-SHORT_LEVEL, SHORT_S = 6, 32.0
-"""Pieces up to this level, and stretches up to this length [s], are read in some 50 ms of a core."""
-
 _READ_LEVEL = 9  # pieces of 256 s are read sample by sample
 _PART_S, _PART_BIN_S = 128.0, 1.0
-_SPENT_S = 0.4  # on one answer; what is not read by then comes with the next one
 _MOST_PARTS = 2048  # three days
 
 
@@ -392,20 +387,23 @@ Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """Time [s], least and largest values; these in single precision, for a day of them is kept."""
 
 
-@lru_cache(maxsize=2)
-def _parts_of(folder: str, inode: int) -> dict[int, Part]:
-    """Return the parts of a run in bins of a second that are known, by number; a day of them is kept.
+@lru_cache(maxsize=_MOST_PARTS)
+def _part(folder: str, inode: int, number: int) -> Part:
+    """Return a part of a run in bins of a second, which is kept.
 
     inode: of its journal, for a run may be deleted and another take its name.
     """
-    return {}
+    first = number * _PART_S
+    with opened(folder) as journal:
+        thinned = thin(*traces_between(journal, first, first + _PART_S), _PART_BIN_S)
+    return thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
 
 
 def samples_piece(folder: str, level: int, number: int) -> bytes:
     """Return a piece of a run as JSON: what lies in [number, number + 1) · 512 · 2^level/1024 s.
 
     {"time": [s], "low": [[...] for each trace], "high": the same, or null where nothing was thinned, "until_s": of the
-    newest sample, "share": how much of the piece was read, 1 where it is whole}. Raises FileError.
+    newest sample}. Raises FileError.
     """
     level, number = int(np.clip(level, 0, MOST_LEVEL)), max(0, number)
     bin_s = 2**level / FINEST_HZ
@@ -413,13 +411,16 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     with opened(folder) as journal:
         spans = spans_of(journal)
         until = spans[-1].end_s if spans else 0.0
-        share = 1.0
         if level <= _READ_LEVEL:
             time, low = traces_between(journal, begin, end)
             high = low
-        else:
-            parts = _parts_of(folder, (Path(folder) / JOURNAL).stat().st_ino)
-            (time, low, high), share = _put_together(journal, parts, begin, min(end, until + 1.0), until)
+    if level > _READ_LEVEL:
+        inode = (Path(folder) / JOURNAL).stat().st_ino
+        first = int(begin // _PART_S)
+        numbers = range(first, max(first + 1, math.ceil(min(end, until + 1.0) / _PART_S)))
+        # Of the last part more may come: it is read anew each time.
+        read = [(_part if (k + 1) * _PART_S <= until else _part.__wrapped__)(folder, inode, k) for k in numbers]
+        time, low, high = (np.concatenate([part[i] for part in read], axis=-1) for i in range(3))
     thinned = thin(time, low, bin_s)
     upper = thinned.high if high is low else thin(time, high, bin_s).high
     same = thinned.high is thinned.low and high is low
@@ -429,33 +430,8 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
             "low": np.round(thinned.low.astype(float), 3),
             "high": None if same else np.round(upper.astype(float), 3),
             "until_s": round(until, 4),
-            "share": share,
         }
     )
-
-
-def _put_together(
-    journal: JournalReader, parts: dict[int, Part], begin: float, end: float, until: float
-) -> tuple[Part, float]:
-    """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
-    numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
-    began, found, has_read = monotonic(), [], False
-    for number in numbers:
-        if number not in parts:
-            if has_read and monotonic() - began > _SPENT_S:
-                break
-            has_read, first = True, number * _PART_S
-            thinned = thin(*traces_between(journal, first, first + _PART_S), _PART_BIN_S)
-            part = thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
-            if first + _PART_S > until:  # more may come to it
-                found.append(part)
-                continue
-            while len(parts) >= _MOST_PARTS:
-                del parts[next(iter(parts))]
-            parts[number] = part
-        found.append(parts[number])
-    time, low, high = (np.concatenate([part[i] for part in found], axis=-1) for i in range(3))
-    return (time, low, high), len(found) / len(numbers)
 
 
 def dumped(document: dict[str, Any]) -> bytes:
