@@ -125,11 +125,6 @@ def test_a_foreign_page_on_the_machine_that_serves_stops_nothing(tmp_path: Path,
         assert served.bench.stops == []
 
 
-def test_a_page_on_the_machine_that_serves_is_told_that_it_may_stop(served: Served) -> None:
-    told = served.client.get("/status").json()
-    assert (told["signed_in"], told["may_stop"]) == (False, True)
-
-
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "127.0.0.1@evil"])
 def test_a_name_that_was_rebound_to_our_address_is_refused(served: Served, host: str) -> None:
     assert raw(served, f"GET /status HTTP/1.1\r\nHost: {host}\r\n\r\n".encode()) == 421

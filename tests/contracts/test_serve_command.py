@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -153,12 +152,3 @@ def test_without_its_packages_the_command_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert main(["serve"]) == 2
     assert f"`make serve` installs it, or: {how_to_install('dashboard')}" in capsys.readouterr().err
-
-
-def test_the_steward_loads_neither_jax_nor_nicegui() -> None:
-    code = (
-        "import sys; import sinew.apps.dashboard.steward;"
-        "print([name for name in ('jax', 'nicegui', 'fastapi', 'matplotlib') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.strip() == "[]"

@@ -14,7 +14,7 @@ from tests.contracts import fake_run
 from tests.contracts.serving import PATIENCE, RIG, TOKEN, Served, fake_command, plan, serving, until
 from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
-from tests.unit.dashboard_journal import GROUPS, PLAN_TEXT, run_folder
+from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
 from sinew.apps.bench.run_control import listening, send_control
 from sinew.apps.dashboard.access import Access
@@ -92,26 +92,9 @@ def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> Non
     assert served.status()["run"] is None
 
 
-def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
-    cut_off(served)
-    served.page().says("continue", name="one")
-    until(lambda: served.runs_as("running"))
-    os.kill(served.status()["run"]["pid"], signal.SIGKILL)
-    last = until(lambda: served.status()["last"])
-    assert (last["complete"], last["can_resume"], last["groups_done"], last["groups"]) == (False, True, 2, GROUPS)
-    assert "SIGKILL" in last["sentence"]
-
-
 def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text('{\n"ended": "before", "left": "nothing"\n}\n' + RESUMED + "\nsinew: no port\n")
     assert told_at_end(tmp_path) == "no port"
-
-
-def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:
-    page = served.page()
-    page.starts()
-    assert page.says("stop").status_code == 200
-    assert until(lambda: served.status()["last"])["name"] == "one"
 
 
 def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:
@@ -142,21 +125,6 @@ def test_an_emergency_ends_a_run_that_obeys(served: Served) -> None:
     served.page().says("emergency")
     assert until(lambda: served.status()["last"])["exit"] == 0
     assert served.bench.stops == []
-
-
-def test_an_emergency_is_of_the_past_once_a_run_goes_on_after_it(served: Served) -> None:
-    page = served.page()
-    page.starts()
-    until(lambda: served.runs_as("running"))
-    page.says("emergency")
-    until(lambda: served.steward.status()["run"] is None)
-    stopped = served.steward.status()["emergency"]
-    page.starts("two")
-    until(lambda: served.runs_as("running"))
-    page.says("stop")
-    until(lambda: served.steward.status()["run"] is None)
-    assert stopped["was_emergency"]
-    assert served.steward.status()["emergency"] is None
 
 
 def test_an_emergency_from_somebody_who_only_looks_is_obeyed(served: Served) -> None:
