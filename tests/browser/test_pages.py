@@ -308,15 +308,6 @@ def test_a_plan_is_kept_on_the_shelf(opened: Open, shown: Served) -> None:
     assert kept.read_text() == plan_text(page)
 
 
-def test_the_tabulator_key_leaves_the_editor(opened: Open, shown: Served) -> None:
-    page = opened(shown, "/plan")
-    before = plan_text(page)
-    page.locator("#sinew-plan-text .cm-content").focus()
-    page.keyboard.press("Tab")
-    assert page.evaluate("!document.activeElement.closest('#sinew-plan-text')")
-    assert plan_text(page) == before
-
-
 def test_a_design_is_held_against_the_rig_as_built_and_becomes_a_rig(
     opened: Open, shown: Served, tmp_path: Path
 ) -> None:
