@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 from nicegui import events, ui
 from starlette.requests import Request
 
+from sinew.analysis.results import RecordingResult
 from sinew.analysis.runs import COMMON, QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import is_run_name
@@ -483,29 +484,12 @@ def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> No
 
 def _coupling(name: str, document: dict[str, Any]) -> None:
     """Show what a bent head did besides twisting, at each frequency; nothing of an upright one."""
-    pose, rows = document.get("pose"), document.get("coupling")
-    if not pose or not rows:
+    if not document.get("pose") or not document.get("coupling"):
         return
-    title = f"{name}: coupling at a bend of {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
-    with card(title, 12):
-        cells = [
-            (
-                f"{row['pretension_mm']:g}",
-                f"{row['frequency_hz']:g}",
-                row["channel"].replace("-", " "),
-                quantity(row["amplitude_deg"], "°"),
-                quantity(row["coupling_ratio"], "") if "coupling_ratio" in row else "–",
-                quantity(row["lag_behind_torsion_deg"], "°") if "lag_behind_torsion_deg" in row else "–",
-                quantity(row["second_harmonic_deg"], "°"),
-            )
-            for row in rows
-        ]
-        labels = {"mm": "pretension / mm", "hz": "frequency / Hz", "channel": "motion", "amplitude": "amplitude"}
-        labels |= {"ratio": "over the torsion", "lag": "lag behind it", "second": "at twice the frequency"}
-        tabulate(labels, cells, right=("mm", "hz")).props("data-coupling")
-        ui.label("Means over repeats with 90 % intervals; tilt in and out of the plane of the bend.").classes(
-            "sinew-soft"
-        )
+    found = RecordingResult.from_dict(document)
+    with card(f"{name}: coupling", 12):
+        for rows in (found.pose, found.coupling):
+            ui.html(rows._repr_html_(), sanitize=False).props("data-coupling")  # type: ignore[union-attr]
 
 
 def _downloads(name: str, *, has_samples: bool) -> None:
