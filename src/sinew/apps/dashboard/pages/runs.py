@@ -11,7 +11,6 @@ from urllib.parse import urlencode
 from nicegui import events, ui
 from starlette.requests import Request
 
-from sinew.analysis.results import RecordingResult
 from sinew.analysis.runs import COMMON, QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import is_run_name
@@ -320,7 +319,7 @@ async def _open(site: Site, names: list[str]) -> None:
         _compared(names[0], compared)
         _numbers(found, [name for name in about if about[name]["has_ring_downs"] is False])
         for name, results in found:
-            _coupling(name, results.get("document") or {})
+            _coupling(name, results.get("coupling", ""))
         for run in about.values():
             with card(f"About {run['name']}", 6):
                 said = f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}."
@@ -482,14 +481,11 @@ def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> No
         tabulate(labels, cells, right=("mm", "value"))
 
 
-def _coupling(name: str, document: dict[str, Any]) -> None:
+def _coupling(name: str, html: str) -> None:
     """Show what a bent head did besides twisting, at each frequency; nothing of an upright one."""
-    if not document.get("pose") or not document.get("coupling"):
-        return
-    found = RecordingResult.from_dict(document)
-    with card(f"{name}: coupling", 12):
-        for rows in (found.pose, found.coupling):
-            ui.html(rows._repr_html_(), sanitize=False).props("data-coupling")  # type: ignore[union-attr]
+    if html:
+        with card(f"{name}: coupling", 12):
+            ui.html(html, sanitize=False).props("data-coupling")
 
 
 def _downloads(name: str, *, has_samples: bool) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from sinew.bench.record.journal import Stretch
     from sinew.plan.rig import RigSpec
+
 _QUANTITIES = {name: (about.words, about.unit) for name, about in QUANTITIES.items()}
 _QUANTITIES |= {"drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°")}
 """Title and unit of what is found at each pretension."""
@@ -34,8 +35,8 @@ def run_results(folder: Path | str) -> dict[str, Any]:
 
     `curves` and `damping` as of `LiveResults.update`; `parameters`: rows of `pretension_mm`, `quantity` (as in the
     results), `name` (in words), `estimate` (`{"value", "std", "interval90"}`) and `unit`; `document`: what `sinew
-    analyse --json` says; `notes`: sentences; `source`: of the samples, None where it is not known. A run that is under
-    way gives what its finished groups say.
+    analyse --json` says; `coupling`: of a bent head, as HTML; `notes`: sentences; `source`: of the samples, None where
+    it is not known. A run that is under way gives what its finished groups say.
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
     folder = unlinked(Path(folder))
@@ -157,7 +158,8 @@ def _untold(results: "xr.Dataset") -> str:
 def _document(results: "xr.Dataset") -> dict[str, Any]:
     from sinew.analysis.analysed import recording_result
 
-    document = recording_result(results).to_dict()
+    found = recording_result(results)
+    document = found.to_dict()
     curves = list(_curves(results)) if "gain" in results else []
     notes = [str(results.attrs.get(name, "")) for name in ("resonance_notes", "ring_down_notes")]
     return {
@@ -165,6 +167,7 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
         "damping": _of_torsion(document),
         "parameters": _parameters(document, results),
         "document": document,
+        "coupling": "".join(one._repr_html_() for one in (found.pose, found.coupling) if one),
         "doubts": [one["sentence"] for one in document["doubts"]],
         "notes": [note for note in notes if note],
         "source": results.attrs.get("source"),
