@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from starlette.websockets import WebSocket
 
 from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, serve_stream, state_of
-from sinew.apps.dashboard.work.results import alarm_limits
-from sinew.apps.dashboard.work.samples import Channel, LiveChannels, Readings
+from sinew.apps.dashboard.work.samples import Channel, LiveChannels, Readings, alarm_limits
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Ended, Health
