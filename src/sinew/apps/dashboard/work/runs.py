@@ -271,7 +271,7 @@ def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool =
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if folder.is_symlink():
-            raise RefusedError(409, f"{folder} is a link, which is not followed; put the folder itself there")
+            raise RefusedError(409, f"cannot write among the {kind}: {folder} is a link; put the folder itself there")
         if not replace and os.path.lexists(folder / file):
             raise RefusedError(
                 409,
