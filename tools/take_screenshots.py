@@ -182,7 +182,7 @@ def take_others(browser: Browser, folder: Path, base: str) -> None:
         camera = Camera(page, folder)
         page.goto(base)
         page.wait_for_function("window.Sinew && Sinew.status()")
-        page.click("#sinew-take")
+        page.click("#sinew-in")
         page.wait_for_selector("dialog[open]")
         camera.take("sign-in")
         page.goto(f"{base}/help")

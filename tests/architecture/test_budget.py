@@ -4,24 +4,15 @@ import ast
 import tomllib
 
 import pytest
-from tools.check_budget import above, has_nine_parameters, is_numeric, lowered, words_in
+from tools.check_budget import above, lowered, words_in
 
 BUDGET = {"lines": {"src": 10, "src/plan": 4}, "counts": {"commands": 3, "dict[str, Any]": 2}, "words": {"told": 1}}
-
-
-def test_a_count_at_its_budget_is_within_it() -> None:
-    assert above(BUDGET, BUDGET) == []
 
 
 def test_a_count_above_its_budget_is_refused_with_its_room_and_what_to_do() -> None:
     assert above(BUDGET, BUDGET | {"lines": {"src": 9, "src/plan": 6}}) == [
         "src/plan has 6 lines and a budget of 4: remove 2, or show which room shrinks by as many"
     ]
-
-
-def test_a_room_without_a_budget_has_none_to_spend() -> None:
-    (refused,) = above(BUDGET, BUDGET | {"lines": {"src": 10, "src/new": 1}})
-    assert refused.startswith("src/new has 1 lines and a budget of 0")
 
 
 def test_lowering_writes_the_smaller_of_budget_and_count_and_keeps_the_rest_of_the_file() -> None:
@@ -44,23 +35,6 @@ src = 10
     assert tomllib.loads(written)["tool"]["other"]["src"] == 10
 
 
-@pytest.mark.parametrize("value", ["3", "-0.5", "2 * 1e-3", "(1, -2.0)", "2 * math.pi", "1 / (2 * 3)"])
-def test_a_value_made_of_numbers_is_a_numeric_constant(value: str) -> None:
-    assert is_numeric(ast.parse(value, mode="eval").body)
-
-
-@pytest.mark.parametrize("value", ["True", "'3'", "()", "RATE / 2", "3 * rate()", "('a', 1)", "[]"])
-def test_a_value_made_of_other_things_is_no_numeric_constant(value: str) -> None:
-    assert not is_numeric(ast.parse(value, mode="eval").body)
-
-
-def test_eight_parameters_beside_self_are_few_enough_and_nine_are_not() -> None:
-    eight, nine = ast.parse(
-        "def a(self, b, c, d, e, *, f, g, h, i): ...\ndef z(b, c, d, e, /, f, g, h, i, j): ..."
-    ).body
-    assert (has_nine_parameters(eight), has_nine_parameters(nine)) == (False, True)
-
-
 @pytest.mark.parametrize(
     ("source", "times"),
     [
@@ -74,7 +48,3 @@ def test_eight_parameters_beside_self_are_few_enough_and_nine_are_not() -> None:
 )
 def test_a_word_counts_wherever_it_is_a_whole_part_of_a_name_and_not_in_prose(source: str, times: int) -> None:
     assert words_in(ast.walk(ast.parse(source)))["told"] == times
-
-
-def test_found_counts_as_a_type_only() -> None:
-    assert words_in(ast.walk(ast.parse("found = Found(); FOUND_HZ = found.is_found(FoundModes)")))["found"] == 2

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NoReturn
 from unittest import mock
 
-import pytest
 from benchmarks.__main__ import PARTS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,35 +93,3 @@ def refusal(line: str) -> str:
 def test_every_command_that_is_named_is_taken_by_its_parser() -> None:
     refused = {f"{where}: {line}": refusal(line) for line, where in named_commands().items()}
     assert {line: why for line, why in refused.items() if why} == {}
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "benchmarks buss",
-        "benchmarks bus --second-hand 20",
-        "campaigns.emergency --run",
-        "campaigns.emergency --runs many",
-        "campaigns.gone",
-        "campaigns.scenario",
-    ],
-)
-def test_a_command_that_is_none_is_refused(line: str) -> None:
-    assert refusal(line) != ""
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("seen by `python -m campaigns.laws --seeds 20\n--first 500` too", "campaigns.laws --seeds 20 --first 500"),
-        ("bench:\n\t$(BIN)/python -m benchmarks\n", "benchmarks"),
-        ("```console\n$ python -m benchmarks bus --seconds 20\n```", "benchmarks bus --seconds 20"),
-        ("    python -m campaigns.same_numbers record out    (there)\n", "campaigns.same_numbers record out"),
-    ],
-)
-def test_a_command_is_found_wherever_it_is_named(text: str, line: str) -> None:
-    assert [*named_in(text)] == [line]
-
-
-def test_the_commands_of_pages_and_makefile_are_among_those_that_are_tried() -> None:
-    assert {"benchmarks", "campaigns.laws --seeds 20 --first 500"} <= named_commands().keys()

@@ -4,7 +4,6 @@ import doctest
 import importlib
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -45,11 +44,6 @@ def test_a_room_that_was_loaded_first_does_not_hide_the_function_of_its_name() -
 def test_importing_sinew_takes_the_processor_less_than_0_15_s() -> None:
     code = "import time; t = time.process_time(); import sinew; print(time.process_time() - t)"
     assert min(float(run(code)) for _ in range(3)) < 0.15
-
-
-def test_editors_and_type_checkers_see_the_types_of_the_installed_package() -> None:
-    held = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
-    assert {"py.typed", "__init__.pyi"} <= set(held["sinew"])
 
 
 @pytest.mark.parametrize("what", ["an empty dataset", "what it gave before"])

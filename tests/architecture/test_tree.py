@@ -51,10 +51,6 @@ def test_a_line_that_must_not_be_committed_is_found(name: str, line: str) -> Non
     assert check_hosts.find_hosts(f"fine\n{line}\n", name) != []
 
 
-def test_an_address_of_a_web_page_is_fine_in_prose() -> None:
-    assert check_hosts.find_hosts("see https://example.net/paper\n", "docs/page.md") == []
-
-
 def test_a_link_to_an_absent_page_and_to_an_absent_heading_are_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(

@@ -55,18 +55,6 @@ class Served:
         self.process.wait(PATIENCE)
         return dict(json.loads((self.runs / ".bench" / "truth.json").read_text()))
 
-    def page_process(self) -> int:
-        """Return the number of the process that serves the pages."""
-        for path in Path("/proc").glob("[0-9]*/cmdline"):
-            try:
-                words = path.read_bytes().split(b"\0")
-                parent = int((path.parent / "stat").read_text().rpartition(")")[2].split()[1])
-            except (OSError, ValueError):
-                continue
-            if words[-2:] == [b"sinew.apps.dashboard", b""] and parent == self.process.pid:
-                return int(path.parent.name)
-        raise AssertionError("no process serves pages")
-
     def await_run(self, seconds: float = PATIENCE) -> Path:
         """Return the folder of the first run that has a journal."""
         end = time.monotonic() + seconds
@@ -114,17 +102,6 @@ def findings(page: Any, within: str | None = None) -> list[tuple[str, str, str]]
         for rule in found.response["violations"]
         for node in rule["nodes"]
     ]
-
-
-def take_control(page: Any) -> None:
-    """Have a page take control, over another one where that has it."""
-    page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
-    if page.inner_text("#sinew-take") != "Give control up":
-        page.click("#sinew-take")
-        page.wait_for_function("Sinew.status().operator?.mine || document.getElementById('sinew-take-sure')")
-        if page.locator("#sinew-take-sure").count():
-            page.click("#sinew-take-sure")
-        page.wait_for_function("Sinew.status().operator?.mine")
 
 
 def plan_text(page: Any) -> str:

@@ -13,7 +13,7 @@ from tests.contracts.serving import PATIENCE, Bench, free_port, until
 from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.access import Access, new_token
-from sinew.apps.dashboard.steward import Controller, Settings, Steward
+from sinew.apps.dashboard.steward import Settings, Steward
 
 LATE = [sys.executable, "-c", "import os, sys, time; time.sleep(12); os.execv(sys.argv[1], sys.argv[1:])"]
 """What is put before a command so that it begins later."""
@@ -40,12 +40,12 @@ class Stage:
         self.runs = steward.settings.runs
 
     def begin(self, name: str, behaviour: str = "", *, repeats: int = 20) -> None:
-        """Begin a run, as an operator's page does."""
+        """Begin a run, as a page does."""
         self.steward.start(name, PLAN.format(name=f"watched-{behaviour}", repeats=repeats), RIG_TEXT)
 
     def until(self, state: str) -> None:
         """Wait until the run is at something; "over": until there is none."""
-        until(lambda: (self.steward.status(None)["run"] or {"state": "over"})["state"] == state)
+        until(lambda: (self.steward.status()["run"] or {"state": "over"})["state"] == state)
 
     def clear(self) -> None:
         """End the run there is, and wait for whatever else is under way."""
@@ -53,9 +53,8 @@ class Stage:
         if run is not None:
             run.process.send_signal(9)
             self.until("over")
-        until(lambda: not self.steward.status(None)["stopping"])
+        until(lambda: not self.steward.status()["stopping"])
         self.steward._desk.last = self.steward._emergency.last = None
-        self.steward.controller = Controller()
 
     def kill_pages(self) -> None:
         """End the pages' server and let it begin again only after a while: what a page sees of one that is lost."""
@@ -70,15 +69,14 @@ def played(*words: str) -> list[str]:
 
 
 @contextmanager
-def staged(runs: Path, *, bench: str | None = "emulator", access: dict[str, object] | None = None) -> Iterator[Stage]:
+def staged(runs: Path, *, bench: str | None = "emulator") -> Iterator[Stage]:
     """Give a dashboard with played runs; what it began is over at the end. bench: what the pages take it for."""
     runs.mkdir(parents=True, exist_ok=True)
     port, resting = free_port(), Bench()
     resting.gate.set()
-    told = Access(new_token(), "127.0.0.1", port, **(access or {}))  # type: ignore[arg-type]
+    told = Access(new_token(), "127.0.0.1", port)
     settings = Settings(
         access=told,
-        steering_port=port + 1,
         runs=runs,
         bench="port" if bench else None,
         port="/dev/bench" if bench else None,

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text, served, take_control
+from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan, findings, plan_text, served
 
-from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import dump_rig, load_rig
 
 pytestmark = pytest.mark.slow
@@ -32,13 +31,14 @@ PAGES = {
 }
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("path", PAGES)
-def test_axe_finds_nothing(opened: Open, shown: Served, path: str, theme: str) -> None:
-    page = opened(shown, path, theme=theme)
+def test_axe_finds_nothing(opened: Open, shown: Served, path: str) -> None:
+    page = opened(shown, path)
     page.wait_for_selector(PAGES[path], state="attached")
-    page.wait_for_timeout(500)
-    assert findings(page) == []
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_timeout(500)
+        assert (theme, findings(page)) == (theme, [])
 
 
 def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callable[..., Any], shown: Served) -> None:
@@ -91,9 +91,9 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
 
 @pytest.fixture(scope="module")
 def spatial(launch: Callable[..., Any], shown: Served) -> Iterator[Any]:
-    """Give the live page in a browser that draws in space and is touched."""
+    """Give the live page in a browser that draws in space."""
     browser = launch(*IN_SPACE)
-    page = browser.new_context(has_touch=True).new_page()
+    page = browser.new_page()
     page.set_default_timeout(120_000)
     page.goto(shown.link)
     page.wait_for_function(f"{FIND_SCENE} return scene()?.renderer.info.render.triangles > 500; }}")
@@ -119,40 +119,6 @@ def test_the_joint_is_turned_brought_nearer_and_turned_back_by_keys(spatial: Any
     assert camera(spatial) == pytest.approx((azimuth + 10.0, height + 10.0, 0.9 * distance))
     spatial.keyboard.press("Home")
     assert camera(spatial) == pytest.approx((azimuth, height, distance))
-
-
-def touched(page: Any, across: int, down: int) -> float:
-    """Draw a finger over the joint, and return how far the page was scrolled before."""
-    page.evaluate("document.activeElement.blur(); document.querySelector('#sinew-joint').scrollIntoView(false)")
-    scrolled = float(page.evaluate("scrollY"))
-    box = page.locator("#sinew-joint canvas").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    touch = page.context.new_cdp_session(page)
-    for kind, part in (
-        ("touchStart", 0.0),
-        ("touchMove", 0.5),
-        ("touchMove", 0.8),
-        ("touchMove", 1.0),
-        ("touchEnd", None),
-    ):
-        points = [] if part is None else [{"x": x + part * across, "y": y + part * down}]
-        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    return scrolled
-
-
-def test_the_joint_is_turned_by_a_finger_that_goes_across(spatial: Any) -> None:
-    spatial.click("#sinew-joint-home")  # the scene may not have moved to its eye yet
-    before = camera(spatial)
-    scrolled = touched(spatial, 80, 4)
-    spatial.wait_for_function(
-        f"before => {{ const seen = ({FIND_SCENE} return scene(); }})();"
-        " return Math.abs(Math.atan2(seen.camera.position.y, seen.camera.position.x) - before) > 0.1; }",
-        arg=np.radians(before[0]),
-    )
-    assert camera(spatial)[0] < before[0] - 5.0  # a finger to the right takes what it holds along
-    assert spatial.evaluate("scrollY") == scrolled
-    spatial.click("#sinew-joint-home")
-    assert camera(spatial) == pytest.approx(before)
 
 
 MOVED = """async ([exaggerated, slowly, frames]) => {
@@ -258,18 +224,8 @@ def test_a_row_opens_its_run_and_its_numbers_have_units_and_intervals(opened: Op
     assert " Hz (" in row.inner_text()
 
 
-def test_a_recording_is_downloaded_whole(opened: Open, shown: Served, tmp_path: Path) -> None:
-    page = opened(shown, "/runs/soft")
-    page.wait_for_selector("a[data-kind=recording]")
-    with page.expect_download() as download:
-        page.click("a[data-kind=recording]")
-    download.value.save_as(tmp_path / "got.nc")
-    got, kept = load_recording(tmp_path / "got.nc"), load_recording(shown.runs / "soft" / "recording.nc")
-    assert got.identical(kept)
-
-
-@pytest.mark.parametrize("kind", ["csv", "mat", "report"])
-def test_the_other_files_are_downloaded_too(opened: Open, shown: Served, tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", ["recording", "csv", "mat", "report"])
+def test_the_files_of_a_run_are_downloaded(opened: Open, shown: Served, kind: str) -> None:
     page = opened(shown, "/runs/soft")
     page.wait_for_selector(f"a[data-kind={kind}]")
     with page.expect_download(timeout=120_000) as download:
@@ -341,26 +297,15 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     assert page.inner_text("#sinew-plan-state").startswith("As the plan")
 
 
-def test_a_plan_is_kept_on_the_shelf_by_the_operator(opened: Open, shown: Served) -> None:
+def test_a_plan_is_kept_on_the_shelf(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")
-    assert page.locator("#sinew-plan-save").is_disabled()
-    take_control(page)
     edit_plan(page, r"periods = \d+", "periods = 4")
     page.fill("#sinew-plan-name", "kept")
     page.click("#sinew-plan-save")
     page.wait_for_function("document.querySelector('#sinew-plan-state').textContent.startsWith('As kept')")
     kept = shown.runs / "plans" / "kept.toml"
     assert kept.read_text() == plan_text(page)
-
-
-def test_the_tabulator_key_leaves_the_editor(opened: Open, shown: Served) -> None:
-    page = opened(shown, "/plan")
-    before = plan_text(page)
-    page.locator("#sinew-plan-text .cm-content").focus()
-    page.keyboard.press("Tab")
-    assert page.evaluate("!document.activeElement.closest('#sinew-plan-text')")
-    assert plan_text(page) == before
 
 
 def test_a_design_is_held_against_the_rig_as_built_and_becomes_a_rig(
@@ -393,8 +338,6 @@ def test_a_joint_is_designed_from_a_rig_of_the_labs_own(opened: Open, shown: Ser
     (shelf / "a long one.toml").write_text(dump_rig(rig.model_copy(update={"name": "long", "silicone": silicone})))
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")
-    page.fill("#sinew-number-length_mm", "110")
-    page.keyboard.press("Tab")
     page.get_by_label("Rig as built").click()
     page.get_by_role("option", name="a long one (yours; ").click()
     page.wait_for_url("**/design?rig=a+long+one.toml")
@@ -409,9 +352,6 @@ def test_a_joint_is_designed_from_a_rig_of_the_labs_own(opened: Open, shown: Ser
     page.wait_for_selector(".sinew-fields:has-text('curved (')")
     page.goto(shown.base + "/design?rig=none.toml")
     page.wait_for_selector("[role=alert]:has-text('there is no none.toml')")
-    page.goto(shown.base + "/design")  # what the sliders said there, they say yet
-    page.wait_for_function("document.querySelector('#sinew-number-length_mm')?.value === '110'")
-    page.click("#sinew-reset")
 
 
 def test_a_number_beyond_a_slider_says_where_that_ends(opened: Open, shown: Served) -> None:
@@ -436,7 +376,7 @@ def test_the_page_is_grey_until_the_curve_of_its_joint_is_there(opened: Open, tm
 
 def test_who_is_not_signed_in_may_watch_and_is_asked_for_the_token(opened: Open, shown: Served) -> None:
     page = opened(shown, "/", signed_in=False)
-    page.click("#sinew-take")
+    page.click("#sinew-in")
     page.fill("#sinew-token", "wrong")
     page.keyboard.press("Enter")
     page.wait_for_function("document.querySelector('dialog [role=alert]').textContent.length > 10")

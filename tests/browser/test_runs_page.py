@@ -109,14 +109,6 @@ def test_rows_are_chosen_and_opened_by_keyboard_and_the_address_opens_the_same(o
     other.wait_for_function(f"document.querySelectorAll('{ROWS}.selected').length === 2")
 
 
-def test_enter_opens_the_row_that_has_the_focus(opened: Open, lab: Served) -> None:
-    page = listed(opened, lab)
-    page.wait_for_selector(f"{ROWS}[tabindex='0']")
-    page.locator(ROWS).first.focus()
-    page.keyboard.press("Enter")
-    page.wait_for_url("**/runs?open=run-0005")
-
-
 def test_axe_finds_nothing_on_runs_that_are_compared(opened: Open, lab: Served) -> None:
     page = listed(opened, lab, "/runs?open=run-0000&open=run-0001")
     page.wait_for_selector("[data-compared]")

@@ -105,20 +105,6 @@ def test_a_cursor_is_moved_by_keys_and_keeps_its_time_when_the_picture_moves(pag
     assert page.evaluate("SinewScope.cursorTime(SinewScope.cursors[0])") == pytest.approx(before, abs=1e-6)
 
 
-def test_cursors_that_are_left_behind_keep_their_values_and_are_fetched_by_a_key(page: Any) -> None:
-    show(page, 10.1, 12.1)
-    page.click("#sinew-cursors")
-    show(page, 20.0, 20.5)
-    page.wait_for_timeout(1000)  # pieces come, numbers follow three times a second
-    row = page.locator("#sinew-values tbody tr", has_text="lever θ").inner_text().split("\t")
-    expected = 20 * np.sin(2 * np.pi * SWING_HZ * (np.array([10.1 + 2.0 / 3, 10.1 + 4.0 / 3]) + 500.0))
-    assert list(map(float, row[-3:-1])) == pytest.approx(expected.tolist(), abs=0.3)
-    page.focus("#sinew-scope")
-    page.keyboard.press("c")
-    assert page.evaluate("SinewScope.cursors") == pytest.approx([1 / 3, 2 / 3])
-    assert page.is_disabled("#sinew-cursors-here")
-
-
 def test_the_whole_run_is_seen_and_the_way_back_leads_to_its_first_sample(page: Any) -> None:
     page.click("#sinew-whole")
     page.wait_for_function(f"{SHOWN} && SinewScope.scope.end > 599", timeout=120_000)

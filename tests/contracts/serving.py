@@ -1,7 +1,6 @@
 """The dashboard's steward for tests: real sockets on loopback, runs and pages that are cheap, a bench that notes."""
 
 import os
-import secrets
 import socket
 import sys
 import threading
@@ -96,13 +95,12 @@ class Bench:
 
 @dataclass
 class Page:
-    """A page that was loaded, of a browser that is signed in, with an id of its own."""
+    """A page that was loaded, of a browser that is signed in."""
 
     client: httpx.Client
-    id: str = field(default_factory=lambda: secrets.token_hex(16))
 
     def says(self, command: str, **more: object) -> httpx.Response:
-        return self.client.post("/command", json={"page": self.id, "command": command, **more})
+        return self.client.post("/command", json={"command": command, **more})
 
     def starts(self, name: str = "one", behaviour: str = fake_run.OBEDIENT) -> httpx.Response:
         return self.says("start", name=name, plan=plan(behaviour), rig=RIG)
@@ -124,7 +122,7 @@ class Served:
 
     @property
     def address(self) -> tuple[str, int]:
-        return "127.0.0.1", self.steward.settings.steering_port
+        return "127.0.0.1", self.access.steering_port
 
     def status(self) -> dict[str, Any]:
         return dict(self.client.get("/status").json())
@@ -136,26 +134,19 @@ class Served:
         self.pages.append(own)
         return Page(own)
 
-    def operator(self) -> Page:
-        """Return a page that took control."""
-        page = self.page()
-        assert page.says("take", confirmed=True).status_code == 200
-        return page
-
     def runs_as(self, state: str) -> bool:
         run = self.status()["run"]
         return run is not None and run["state"] == state
 
 
 @contextmanager
-def serving(runs: Path, *, awaits: bool = True, **settings: Any) -> Iterator[Served]:
-    """Give a steward with a bench that is none; what it began is over at the end. awaits: an emulated bench."""
+def serving(runs: Path, **settings: Any) -> Iterator[Served]:
+    """Give a steward with a bench that is none; what it began is over at the end."""
     port, bench = free_port(), Bench()
     bench.gate.set()
     access = Access(TOKEN, "127.0.0.1", port)
     chosen = {
         "access": access,
-        "steering_port": port + 1,
         "runs": runs,
         "bench": "port",
         "port": "/dev/bench",
@@ -169,8 +160,6 @@ def serving(runs: Path, *, awaits: bool = True, **settings: Any) -> Iterator[Ser
         steward,
         httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE, verify=False) as client,
     ):
-        if awaits:
-            steward.await_bench(threading.Event())
         served = Served(steward, steward.settings.access, client, bench)
         try:
             yield served

@@ -41,7 +41,6 @@ def port(runs: Path) -> Iterator[int]:
         "key": "signs-the-sessions",
         "http_host": "127.0.0.1",
         "http_port": port,
-        "steering_port": free_port(),
     }
     config |= {"runs": str(runs), "rig": "paper", "bench": None, "version": "test"}
     command = [sys.executable, "-m", "sinew.apps.dashboard"]

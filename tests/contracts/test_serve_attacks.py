@@ -10,7 +10,7 @@ import httpx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
+from tests.contracts.serving import RIG, TOKEN, Page, Served, plan, serving
 from tests.patience import LONG_S
 
 from sinew.apps.dashboard.access import Access
@@ -25,11 +25,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 @pytest.fixture(scope="module")
 def anybody(served: Served) -> Page:
     return served.page()
-
-
-@pytest.fixture
-def operator(served: Served) -> Page:
-    return served.operator()
 
 
 def raw(served: Served, text: bytes) -> int:
@@ -49,7 +44,7 @@ def our_page(served: Served) -> dict[str, str]:
     return {"Origin": f"http://127.0.0.1:{served.access.port}"}
 
 
-TAKE = {"page": "a-page-of-tests", "command": "take", "confirmed": True}
+PAUSE = {"command": "pause"}  # of no run: who may say it gets 409
 OURS, BEARER = "http://127.0.0.1:{port}", f"Bearer {TOKEN}"
 
 
@@ -57,7 +52,7 @@ OURS, BEARER = "http://127.0.0.1:{port}", f"Bearer {TOKEN}"
     ("origin", "session", "token", "status"),
     [
         (OURS, None, None, 401),
-        (OURS, "ours", None, 200),
+        (OURS, "ours", None, 409),
         (OURS, "of another start", None, 401),
         *((OURS, made_up, None, 401) for made_up in ("", ".", "nonce", "nonce.", ".mark", "nonce." + "0" * 64, TOKEN)),
         (OURS, None, "Bearer wrong-token-of-the-same-size", 401),
@@ -67,7 +62,7 @@ OURS, BEARER = "http://127.0.0.1:{port}", f"Bearer {TOKEN}"
         ("http://127.0.0.1:1", "ours", None, 403),
         ("http://127.0.0.1.evil.example:{port}", "ours", None, 403),
         ("https://evil.example", None, BEARER, 403),
-        (None, None, BEARER, 200),  # a program
+        (None, None, BEARER, 409),  # a program
     ],
 )
 def test_who_steers_shows_our_origin_with_a_session_of_this_start_or_the_token(
@@ -81,7 +76,7 @@ def test_who_steers_shows_our_origin_with_a_session_of_this_start_or_the_token(
         "Authorization": token,
     }
     headers = {name: text for name, text in told.items() if text is not None}
-    assert post(served, "/command", headers, TAKE).status_code == status
+    assert post(served, "/command", headers, PAUSE).status_code == status
 
 
 @pytest.mark.parametrize("origin", ["http://127.0.0.1:{port}", "https://evil.example"])
@@ -107,15 +102,6 @@ def test_a_body_is_bounded_however_it_is_sent(served: Served, body: str) -> None
     assert raw(served, f"{head}{body}".encode()) == 413
 
 
-@pytest.mark.parametrize("host", ["bench.lab", "127.0.0.1"])
-def test_behind_a_proxy_the_bench_is_not_even_stopped_without_a_token(tmp_path: Path, host: str) -> None:
-    access = Access(TOKEN, "127.0.0.1", free_port(), ("bench.lab",))
-    with serving(tmp_path / "runs", access=access) as served:
-        headers = {"Origin": f"https://{host}:{access.port}", "Host": host}
-        status = post(served, "/command", headers, {"command": "emergency"}).status_code
-    assert (status, served.bench.stops) == (401, [])
-
-
 def test_who_sits_at_the_bench_stops_it_without_a_token_and_does_nothing_else(served: Served) -> None:
     codes = [
         post(served, "/command", our_page(served), {"command": each}).status_code for each in ("emergency", "hold")
@@ -139,11 +125,6 @@ def test_a_foreign_page_on_the_machine_that_serves_stops_nothing(tmp_path: Path,
         assert served.bench.stops == []
 
 
-def test_a_page_on_the_machine_that_serves_is_told_that_it_may_stop(served: Served) -> None:
-    told = served.client.get("/status").json()
-    assert (told["signed_in"], told["may_stop"]) == (False, True)
-
-
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "127.0.0.1@evil"])
 def test_a_name_that_was_rebound_to_our_address_is_refused(served: Served, host: str) -> None:
     assert raw(served, f"GET /status HTTP/1.1\r\nHost: {host}\r\n\r\n".encode()) == 421
@@ -153,20 +134,14 @@ def test_two_hosts_in_one_request_are_refused(served: Served) -> None:
     assert raw(served, b"GET /status HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n") == 400
 
 
-@pytest.mark.parametrize("page", [None, "", "short", "x" * 65, 7, ["a-page-of-tests"]])
-def test_a_page_without_an_id_of_its_own_takes_nothing(served: Served, page: object) -> None:
-    assert served.page().says("take", page=page, confirmed=True).status_code == 422
-
-
-def test_a_session_that_was_signed_out_steers_no_more_and_has_lost_control(served: Served) -> None:
-    page = served.operator()
+def test_a_session_that_was_signed_out_steers_no_more_though_its_cookie_was_copied(served: Served) -> None:
+    page = served.page()
     recorded = served.access.session_in(page.client.cookies[served.access.cookie_name])
     assert recorded is not None
     kept = dict(page.client.cookies)
     assert page.client.post("/logout").status_code == 200
     page.client.cookies.update(kept)
-    assert [page.says("take").status_code for _ in range(3)] == [401] * 3
-    assert served.status()["operator"] is None
+    assert [page.says("stop").status_code for _ in range(3)] == [401] * 3
 
 
 def test_only_a_program_with_the_token_is_told_which_sessions_were_ended(served: Served) -> None:
@@ -180,24 +155,21 @@ def test_only_a_program_with_the_token_is_told_which_sessions_were_ended(served:
     "name",
     ["../x", "/tmp/x", ".hidden", "..", "a/b", "a\\b", "a\0b", "a\n", "", " ", "x" * 81, "x" * 5000, "ä", "<b>", "-x"],
 )
-def test_a_name_that_leads_elsewhere_begins_no_run(served: Served, operator: Page, name: str) -> None:
+def test_a_name_that_leads_elsewhere_begins_no_run(served: Served, anybody: Page, name: str) -> None:
     before = sorted(served.runs.parent.rglob("*"))
-    assert operator.says("start", name=name, plan=plan(), rig=RIG).status_code == 422
+    assert anybody.says("start", name=name, plan=plan(), rig=RIG).status_code == 422
     assert sorted(served.runs.parent.rglob("*")) == before
 
 
 @pytest.mark.parametrize("text", ["", "name = 1", "[", "a = " + "[" * 5000, "x = 1e999", RIG])
-def test_a_plan_that_is_none_begins_no_run(served: Served, operator: Page, text: str) -> None:
-    assert operator.says("start", name="fine", plan=text, rig=RIG).status_code == 422
+def test_a_plan_that_is_none_begins_no_run(served: Served, anybody: Page, text: str) -> None:
+    assert anybody.says("start", name="fine", plan=text, rig=RIG).status_code == 422
 
 
-def test_only_who_operates_puts_something_on_the_shelf(served: Served, operator: Page) -> None:
-    onlooker = served.page()
+def test_what_is_on_the_shelf_is_replaced_only_where_that_is_asked(served: Served, anybody: Page) -> None:
     told = {"shelf": "plans", "name": "kept", "text": plan()}
-    assert onlooker.says("shelve", **told).status_code == 403
-    assert not (served.runs / "plans" / "kept.toml").exists()
-    assert operator.says("shelve", **told).status_code == 200
-    assert operator.says("shelve", **told).status_code == 409
+    assert anybody.says("shelve", **told).status_code == 200
+    assert anybody.says("shelve", **told).status_code == 409
     assert (served.runs / "plans" / "kept.toml").read_text() == plan()
 
 
@@ -211,9 +183,9 @@ def test_only_who_operates_puts_something_on_the_shelf(served: Served, operator:
         {"shelf": "plans", "name": "x"},
     ],
 )
-def test_what_belongs_on_no_shelf_is_not_written(served: Served, operator: Page, told: dict[str, str]) -> None:
+def test_what_belongs_on_no_shelf_is_not_written(served: Served, anybody: Page, told: dict[str, str]) -> None:
     before = sorted(served.runs.parent.rglob("*"))
-    assert operator.says("shelve", **told).status_code in (413, 422)
+    assert anybody.says("shelve", **told).status_code in (413, 422)
     assert sorted(served.runs.parent.rglob("*")) == before
 
 
@@ -245,9 +217,7 @@ JSON = st.recursive(
 COMMAND = st.fixed_dictionaries(
     {},
     optional={
-        "page": st.just("PAGE-OF-TESTS") | JSON,
-        "confirmed": JSON,
-        "command": st.sampled_from(["take", "give", "start", "pause", "resume", "hold", "release", "stop"]) | JSON,
+        "command": st.sampled_from(["start", "continue", "pause", "resume", "hold", "release", "stop"]) | JSON,
         "plan": JSON,
         "rig": JSON,
         "name": JSON,
@@ -259,5 +229,4 @@ COMMAND = st.fixed_dictionaries(
 @settings(max_examples=150)
 @given(told=COMMAND | JSON)
 def test_whatever_json_comes_is_no_fault_of_ours(served: Served, anybody: Page, told: object) -> None:
-    anybody.client.post("/command", json={"page": "PAGE-OF-TESTS", "command": "take", "confirmed": True})
     assert anybody.client.post("/command", content=json.dumps(told)).status_code < 500

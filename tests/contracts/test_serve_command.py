@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -56,8 +55,7 @@ def status(ready: dict[str, Any]) -> Any:
 
 def begin_run(ready: dict[str, Any]) -> int:
     """Begin a run, and return the number of its process once it listens."""
-    told(ready, "/command", {"page": "a-page-of-tests", "command": "take"})
-    start = {"page": "a-page-of-tests", "command": "start", "name": "monday", "plan": plan(), "rig": RIG}
+    start = {"command": "start", "name": "monday", "plan": plan(), "rig": RIG}
     assert told(ready, "/command", start)["ok"] is True
     until(lambda: status(ready)["run"]["state"] == "running")
     return int(status(ready)["run"]["pid"])
@@ -117,9 +115,7 @@ def test_an_address_for_all_needs_a_token_to_look_and_comes_with_a_word_on_tunne
     --emulate --port-bench /dev/x => expected one of them at most
     --http 127.0.0.1 => expected HOST:PORT
     --http 127.0.0.1:65536 => expected HOST:PORT
-    --http 127.0.0.1:65535 => found 65536 for the port of commands
-    --steering-port 8080 => expected another port
-    --host http://x => found --host http://x
+    --http 127.0.0.1:65535 => PORT at most 65534
     --rig papre => did you mean paper?
     --token-file nowhere => cannot read a token from nowhere
     --http 192.0.2.1:8080 => cannot listen on 192.0.2.1
@@ -156,12 +152,3 @@ def test_without_its_packages_the_command_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert main(["serve"]) == 2
     assert f"`make serve` installs it, or: {how_to_install('dashboard')}" in capsys.readouterr().err
-
-
-def test_the_steward_loads_neither_jax_nor_nicegui() -> None:
-    code = (
-        "import sys; import sinew.apps.dashboard.steward;"
-        "print([name for name in ('jax', 'nicegui', 'fastapi', 'matplotlib') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.strip() == "[]"

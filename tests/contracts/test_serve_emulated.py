@@ -15,8 +15,7 @@ from tests.contracts.emulated_bench import alone
 from tests.contracts.serving import PAGE, PATIENCE, RIG, TOKEN, Page, Served, free_port, serving, until
 
 from sinew.apps.bench.run_control import send_control
-from sinew.apps.dashboard.emergency import bring_to_rest
-from sinew.apps.dashboard.run_desk import LOG, ending_of, sinew_command
+from sinew.apps.dashboard.run_desk import LOG, bring_to_rest, ending_of, sinew_command
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -36,7 +35,7 @@ def pulling(served: Served) -> int:
 
     Where a pause of the computer ends it before that, it is begun anew.
     """
-    page = served.operator()
+    page = served.page()
     for number in range(STARTS):
         assert page.says("start", name=f"run-{number}", plan=TINY, rig=RIG).status_code == 200
         log = served.runs / f"run-{number}" / LOG
@@ -93,7 +92,6 @@ def test_after_a_kill_of_the_server_the_motors_are_safe_and_the_run_can_go_on(tm
         assert process.stdout is not None
         process.stdout.readline()
         page = Page(client)
-        page.says("take")
         assert page.says("start", name="one", plan=TINY, rig=RIG).status_code == 200
         log = runs / "one" / LOG
         until(lambda: "pulled to first contact" in log.read_text())

@@ -11,12 +11,13 @@ from typing import Any
 
 import pytest
 from tests.contracts import fake_run
-from tests.contracts.serving import PATIENCE, RIG, Served, fake_command, plan, serving, until
+from tests.contracts.serving import PATIENCE, RIG, TOKEN, Served, fake_command, plan, serving, until
 from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
-from tests.unit.dashboard_journal import GROUPS, PLAN_TEXT, run_folder
+from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
 from sinew.apps.bench.run_control import listening, send_control
+from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.run_desk import RESUMED, spawn, told_at_end
 from sinew.bench.stops import Steering, StopReport
 from sinew.measure.errors import PortError
@@ -29,13 +30,13 @@ def served(tmp_path: Path) -> Iterator[Served]:
 
 
 def test_the_folder_of_a_run_holds_what_was_asked_for(served: Served) -> None:
-    served.operator().starts("monday")
+    served.page().starts("monday")
     folder = served.runs / "monday"
     assert [(folder / name).read_text() for name in ("plan.toml", "rig.toml")] == [plan(), RIG]
 
 
 def test_a_run_rests_and_goes_on(served: Served) -> None:
-    page = served.operator()
+    page = served.page()
     page.starts()
     until(lambda: served.runs_as("running"))
     page.says("pause")
@@ -46,7 +47,7 @@ def test_a_run_rests_and_goes_on(served: Served) -> None:
 
 @pytest.mark.parametrize("command", ["stop", "hold", "release"])
 def test_a_run_ends_when_it_is_told_so_and_its_last_words_are_kept(served: Served, command: str) -> None:
-    page = served.operator()
+    page = served.page()
     page.starts()
     until(lambda: served.runs_as("running"))
     page.says(command)
@@ -71,7 +72,7 @@ def test_a_run_that_ended_early_goes_on_in_its_folder(tmp_path: Path) -> None:
 
     with serving(tmp_path / "runs", command=command) as served:
         folder = cut_off(served)
-        assert served.operator().says("continue", name="one").status_code == 200
+        assert served.page().says("continue", name="one").status_code == 200
         until(lambda: served.runs_as("running"))
         assert asked[-1][-1] == "--resume"
         assert asked[-1][asked[-1].index("--out") + 1] == str(folder)
@@ -79,26 +80,16 @@ def test_a_run_that_ended_early_goes_on_in_its_folder(tmp_path: Path) -> None:
 
 def test_a_run_that_was_begun_in_a_terminal_goes_on_by_what_its_journal_holds(served: Served) -> None:
     folder = run_folder(served.runs / "one", range(2))
-    assert served.operator().says("continue", name="one").status_code == 200
+    assert served.page().says("continue", name="one").status_code == 200
     assert [(folder / name).read_text() for name in ("plan.toml", "rig.toml")] == [PLAN_TEXT, RIG_TEXT]
 
 
 @pytest.mark.parametrize("name", ["none", "../one", "whole", None])
 def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> None:
     run_folder(served.runs / "whole")
-    answer = served.operator().says("continue", **({} if name is None else {"name": name}))
+    answer = served.page().says("continue", **({} if name is None else {"name": name}))
     assert answer.status_code in (404, 409, 422)
     assert served.status()["run"] is None
-
-
-def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
-    cut_off(served)
-    served.operator().says("continue", name="one")
-    until(lambda: served.runs_as("running"))
-    os.kill(served.status()["run"]["pid"], signal.SIGKILL)
-    last = until(lambda: served.status()["last"])
-    assert (last["complete"], last["can_resume"], last["groups_done"], last["groups"]) == (False, True, 2, GROUPS)
-    assert "SIGKILL" in last["sentence"]
 
 
 def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
@@ -106,45 +97,12 @@ def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_bef
     assert told_at_end(tmp_path) == "no port"
 
 
-def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:
-    page = served.operator()
-    page.starts()
-    assert page.says("stop").status_code == 200
-    assert until(lambda: served.status()["last"])["name"] == "one"
-
-
-@pytest.mark.parametrize("command", ["start", "pause", "resume", "hold", "release", "stop", "give"])
-def test_who_does_not_operate_steers_nothing(served: Served, command: str) -> None:
-    served.operator()
-    viewer = served.page()
-    answer = viewer.says(command, name="one", plan=plan(), rig=RIG)
-    assert (answer.status_code, answer.json()["sentence"]) == (403, "another page is in control; take over first")
-
-
-def test_taking_over_is_confirmed_and_puts_the_former_operator_among_the_viewers(served: Served) -> None:
-    first, second = served.operator(), served.page()
-    asked = second.says("take")
-    assert (asked.status_code, asked.json()["taken"]) == (409, True)
-    taken = second.says("take", confirmed=True).json()
-    assert taken["sentence"] == "this page is in control now; another page was before"
-    assert first.says("give").status_code == 403
-
-
-def test_a_page_sees_that_it_operates(served: Served) -> None:
-    page, other = served.operator(), served.page()
-    mine = [each.client.get("/status", headers={"X-Sinew-Page": each.id}).json() for each in (page, other)]
-    assert [told["operator"]["mine"] for told in mine] == [True, False]
-
-
 def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:
-    page = served.operator()
-    others = [served.page() for _ in range(4)]
+    pages = [served.page() for _ in range(4)]
     codes = []
 
     def start(number: int) -> None:
-        told = {"page": page.id, "command": "start"}
-        body = told | {"name": f"run-{number}", "plan": plan(), "rig": RIG}
-        codes.append(others[number].client.post("/command", json=body).status_code)
+        codes.append(pages[number].starts(f"run-{number}").status_code)
 
     threads = [threading.Thread(target=start, args=(number,)) for number in range(4)]
     for thread in threads:
@@ -156,43 +114,28 @@ def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:
 
 
 def test_a_name_that_is_taken_is_not_used_again(served: Served) -> None:
-    page = served.operator()
+    page = served.page()
     (served.runs / "one").mkdir()
     assert page.starts("one").status_code == 409
 
 
 def test_an_emergency_ends_a_run_that_obeys(served: Served) -> None:
-    served.operator().starts()
+    served.page().starts()
     until(lambda: served.runs_as("running"))
     served.page().says("emergency")
     assert until(lambda: served.status()["last"])["exit"] == 0
     assert served.bench.stops == []
 
 
-def test_an_emergency_is_of_the_past_once_a_run_goes_on_after_it(served: Served) -> None:
-    page = served.operator()
-    page.starts()
-    until(lambda: served.runs_as("running"))
-    page.says("emergency")
-    until(lambda: served.steward.status(None)["run"] is None)
-    stopped = served.steward.status(None)["emergency"]
-    page.starts("two")
-    until(lambda: served.runs_as("running"))
-    page.says("stop")
-    until(lambda: served.steward.status(None)["run"] is None)
-    assert stopped["was_emergency"]
-    assert served.steward.status(None)["emergency"] is None
-
-
 def test_an_emergency_from_somebody_who_only_looks_is_obeyed(served: Served) -> None:
-    served.operator()
+    served.page()
     assert served.page().says("emergency").status_code == 200
     assert served.bench.stops == [("/dev/bench", "paper", None)]
 
 
 @pytest.mark.parametrize("behaviour", [fake_run.DEAF, fake_run.LOUT])
 def test_an_emergency_ends_a_run_that_does_not_answer_and_stops_the_bench(served: Served, behaviour: str) -> None:
-    served.operator().starts(behaviour=behaviour)
+    served.page().starts(behaviour=behaviour)
     sign = "control" if behaviour == fake_run.DEAF else "began"
     until((served.runs / "one" / sign).exists)
     served.page().says("emergency")
@@ -201,7 +144,7 @@ def test_an_emergency_ends_a_run_that_does_not_answer_and_stops_the_bench(served
 
 
 def test_an_emergency_is_one_for_the_bench_and_an_ordinary_stop_is_none(served: Served) -> None:
-    page = served.operator()
+    page = served.page()
     page.says("stop")
     page.says("emergency")
     assert until(lambda: served.bench.urgent == [False, False, True, True])  # it is answered before the let-down
@@ -209,7 +152,7 @@ def test_an_emergency_is_one_for_the_bench_and_an_ordinary_stop_is_none(served: 
 
 def test_an_emergency_makes_one_of_an_ordinary_stop_and_is_answered_anew(served: Served) -> None:
     served.bench.gate.clear()
-    page = served.operator()
+    page = served.page()
     thread = threading.Thread(target=page.says, args=("release",))
     thread.start()
     until(lambda: served.bench.urgent)
@@ -222,7 +165,7 @@ def test_an_emergency_makes_one_of_an_ordinary_stop_and_is_answered_anew(served:
 
 
 def test_a_run_that_has_yet_to_reach_a_motor_is_given_the_time(served: Served) -> None:
-    served.operator().starts(behaviour=fake_run.RELUCTANT)
+    served.page().starts(behaviour=fake_run.RELUCTANT)
     until(lambda: served.runs_as("running"))
     said = served.page().says("emergency").json()
     assert (said["ok"], said["sentence"]) == (True, "emergency is done")
@@ -231,7 +174,7 @@ def test_a_run_that_has_yet_to_reach_a_motor_is_given_the_time(served: Served) -
 
 
 def test_a_run_that_never_reaches_its_motors_is_ended_in_the_end(served: Served) -> None:
-    served.operator().starts(behaviour=fake_run.FORLORN)
+    served.page().starts(behaviour=fake_run.FORLORN)
     until(lambda: served.runs_as("running"))
     served.page().says("emergency")
     assert until(lambda: served.status()["last"])["exit"] == -signal.SIGKILL
@@ -247,7 +190,7 @@ def test_a_second_emergency_joins_the_first(served: Served) -> None:
 
 
 def test_no_run_begins_while_the_bench_is_brought_to_rest(served: Served) -> None:
-    page = served.operator()
+    page = served.page()
     served.bench.gate.clear()
     served.steward.order_emergency()
     assert page.starts().status_code == 409
@@ -262,7 +205,7 @@ def test_an_emergency_takes_back_a_run_that_is_just_being_begun(tmp_path: Path) 
         return fake_command(*words)
 
     with serving(tmp_path / "runs", command=slowly) as served:
-        page, codes = served.operator(), []
+        page, codes = served.page(), []
         thread = threading.Thread(target=lambda: codes.append(page.starts().status_code))
         thread.start()
         began.wait(LONG_S)
@@ -273,16 +216,14 @@ def test_an_emergency_takes_back_a_run_that_is_just_being_begun(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("command", "state"), [("hold", "hold"), ("release", "release"), ("stop", None)])
-def test_a_bench_without_a_run_is_brought_to_rest_by_its_operator(
-    served: Served, command: str, state: str | None
-) -> None:
-    assert served.operator().says(command).status_code == 200
+def test_a_bench_without_a_run_is_brought_to_rest(served: Served, command: str, state: str | None) -> None:
+    assert served.page().says(command).status_code == 200
     assert served.bench.stops == [("/dev/bench", "paper", state)]
 
 
 def test_without_a_bench_no_run_begins(tmp_path: Path) -> None:
     with serving(tmp_path / "runs", bench=None, port=None) as served:
-        answer = served.operator().starts()
+        answer = served.page().starts()
     assert (answer.status_code, "--port-bench PORT or --emulate" in answer.json()["sentence"]) == (409, True)
 
 
@@ -323,17 +264,17 @@ def test_a_run_ends_with_the_steward(tmp_path: Path, bench: str) -> None:
         return [sys.executable, "-c", ready, *words]
 
     with serving(tmp_path / "runs", bench=bench, command=command) as served:
-        served.operator().starts()
+        served.page().starts()
         until(lambda: served.runs_as("running"))
         run, emulator = served.steward._desk.run, served.steward._emulator
         served.steward.__exit__()
     assert run is not None
     assert run.process.poll() == 0
-    assert emulator is None or not emulator.is_there
+    assert emulator is None or not emulator.is_ready
 
 
 def test_a_page_server_that_dies_is_begun_again_and_the_run_does_not_notice(served: Served) -> None:
-    served.operator().starts()
+    served.page().starts()
     until(lambda: served.runs_as("running") and served.status()["page"] == "up")
     before, run = served.steward._page.pid, served.status()["run"]["pid"]
     assert before is not None
@@ -348,7 +289,7 @@ def test_two_stewards_do_not_look_after_the_same_runs(served: Served) -> None:
 
 
 def test_a_port_that_is_taken_is_said_before_anything_is_begun(served: Served, tmp_path: Path) -> None:
-    taken = served.steward.settings.steering_port
-    with pytest.raises(Exception, match="cannot listen on"), serving(tmp_path / "other", steering_port=taken):
+    taken = Access(TOKEN, "127.0.0.1", served.access.steering_port)
+    with pytest.raises(Exception, match="cannot listen on"), serving(tmp_path / "other", access=taken):
         pass
     assert not (tmp_path / "other").exists()

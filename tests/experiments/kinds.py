@@ -1,7 +1,7 @@
 """How often the kind of a record is found.
 
-Records of joints with one or two modes are made of each kind in several manners: let go, plucked, struck without a
-force, driven by a sine that stops, pulled and released; stepped sines; chirps, noise, multisines; one hammer blow or
+Records of joints with one or two modes are made of each kind in several manners: let go,
+driven by a sine that stops, pulled and released; stepped sines; chirps, noise, multisines; one hammer blow or
 several. Frequency, damping, length, sample rate, noise, offset and jitter are drawn. Counted is how often the kind is
 found, how often it is refused, and how often it is wrong.
 """
@@ -84,12 +84,6 @@ def let_go(joint: Joint) -> Columns:
     )
 
 
-def struck_blind(joint: Joint) -> Columns:
-    """Return the response to a blow whose force was not recorded."""
-    t, _, response = hammered(joint, 1)
-    return t, None, response
-
-
 def pulled(joint: Joint) -> Columns:
     """Return a pull by a recorded force and its release."""
     hold = joint.rng.uniform(1, 3)
@@ -106,12 +100,6 @@ def stopped(joint: Joint) -> Columns:
     stop = round(drive_s * hertz) / hertz
     drive = np.where(t < stop, np.sin(2 * np.pi * hertz * t), 0.0)
     return t, drive, joint.respond(drive)
-
-
-def stands_still(joint: Joint) -> Columns:
-    """Return a decay beside a drive that only holds its noise."""
-    t, _, response = let_go(joint)
-    return t, 0.01 * joint.rng.standard_normal(t.size), response
 
 
 def stepped(joint: Joint) -> Columns:
@@ -171,10 +159,8 @@ def hammered(joint: Joint, hits: int | None = None) -> Columns:
 
 MANNERS: dict[Callable[[Joint], Columns], str] = {
     let_go: "ring-down",
-    struck_blind: "ring-down",
     pulled: "ring-down",
     stopped: "ring-down",
-    stands_still: "ring-down",
     stepped: "sweep",
     chirped: "broadband",
     shaken: "broadband",

@@ -158,6 +158,12 @@ def test_no_input_makes_the_decoder_raise_or_hold_more_than_one_packet(chunks: l
         assert len(decoder.rest) <= LONGEST + 7
 
 
+@given(st.lists(st.binary(max_size=40) | nasty | packets.map(encode), max_size=8))
+def test_no_packet_comes_out_that_does_not_stand_whole_in_the_stream(parts: list[bytes]) -> None:
+    stream = b"".join(parts)
+    assert [packet for packet in Decoder().feed(stream) if encode(packet) not in stream] == []
+
+
 @pytest.mark.parametrize("params", [b"\xff\xff\xfd", b"\xff\xff\xfd\x00", b"\0\xff\xff\xfd\xff\xff"])
 def test_a_packet_whose_sender_did_not_stuff_is_not_believed_though_its_crc_is_right(params: bytes) -> None:
     frame = HEADER + bytes([1, len(params) + 4, 0, 0x55, 0]) + params

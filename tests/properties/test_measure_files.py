@@ -18,7 +18,7 @@ from sinew.measure.files.csv import find_columns, numbers, read_table
 from sinew.measure.files.formats import export_recording
 from sinew.measure.files.netcdf import load_recording, provenance, save_recording
 from sinew.measure.read import read
-from sinew.measure.recording import Segment, build_recording, iterate_segments
+from sinew.measure.recording import Segment, build_recording
 from sinew.measure.units import canonical_unit, convert
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -49,7 +49,6 @@ def recordings(draw: st.DrawFn) -> xr.Dataset:
 
 
 Thing = TypeVar("Thing")
-as_csv = partial(export_recording, to="csv")
 
 
 def through_file(
@@ -67,18 +66,6 @@ def test_any_recording_comes_back_from_netcdf_identical(recording: xr.Dataset) -
     back = through_file(recording, save_recording, load_recording)
     del back.attrs["content_hash"]
     xr.testing.assert_identical(back, recording)
-
-
-@given(recordings())
-@settings(max_examples=25, deadline=None)
-def test_any_recording_has_its_segments_in_its_exported_table(recording: xr.Dataset) -> None:
-    table = through_file(recording, as_csv, read_table)
-    expected = [
-        (index, segment.kind)
-        for index, segment, where in iterate_segments(recording)
-        for _ in range(where.stop - where.start)
-    ]
-    assert list(zip(table["segment"], table["kind"], strict=True)) == expected
 
 
 @given(st.lists(NUMBERS, min_size=8, max_size=30))
@@ -122,14 +109,6 @@ def test_a_netcdf_file_cut_anywhere_is_refused(cut: int) -> None:
         path.write_bytes(path.read_bytes()[:-cut])
         with pytest.raises(FileError):
             load_recording(path)
-
-
-@given(st.lists(st.tuples(UNIT_ATOMS, st.sampled_from("*/")), min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None)
-def test_a_canonical_unit_is_its_own_canonical_unit(parts: list[tuple[str, str]]) -> None:
-    written = "".join(f"{atom}{sign}" for atom, sign in parts).rstrip("*/")
-    unit, _ = canonical_unit(written)
-    assert canonical_unit(unit) == (unit, 1.0)
 
 
 @given(UNIT_ATOMS, st.sampled_from("*/"), UNIT_ATOMS)

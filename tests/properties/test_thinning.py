@@ -21,15 +21,6 @@ def test_no_peak_is_lost(numbers: list[float], width: float) -> None:
     assert thinned.high.max() == max(numbers)
 
 
-@given(values, st.floats(0.001, 0.5))
-def test_each_sample_lies_between_the_ends_of_its_bin(numbers: list[float], width: float) -> None:
-    time, value = signal(numbers)
-    thinned = thin(time, value, width)
-    bins = np.searchsorted(thinned.time, time + 1e-12, side="right") - 1
-    assert np.all(thinned.low[0, bins] <= value[0])
-    assert np.all(value[0] <= thinned.high[0, bins])
-
-
 @given(values, st.integers(0, 200), st.floats(0.02, 0.5))
 def test_parts_that_are_thinned_apart_join_to_the_whole(numbers: list[float], cut: int, width: float) -> None:
     time, value = signal(numbers)

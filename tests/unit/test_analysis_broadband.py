@@ -155,23 +155,6 @@ def test_a_constant_input_is_refused(level: float) -> None:
         response_of(np.full(4000, level), records(11, size=4000)[1], SAMPLE_HZ)
 
 
-@pytest.mark.parametrize(
-    ("given", "measured", "said"),
-    [
-        (np.ones(4000), np.ones(3999), "equal length"),
-        (np.ones((4000, 2)), np.ones((4000, 2)), "one column"),
-    ],
-)
-def test_records_of_other_shapes_are_refused(given: np.ndarray, measured: np.ndarray, said: str) -> None:
-    with pytest.raises(RecordingError, match=said):
-        response_of(given, measured, SAMPLE_HZ)
-
-
-def test_a_record_of_one_segment_is_refused() -> None:
-    with pytest.raises(RecordingError, match="at least 2"):
-        response_of(*records(12, size=4000), SAMPLE_HZ, segment_s=20.0)
-
-
 def test_an_input_without_power_in_a_band_leaves_its_bins_undefined() -> None:
     t = np.arange(4000) / SAMPLE_HZ
     x = np.sin(2 * np.pi * 10.0 * t)

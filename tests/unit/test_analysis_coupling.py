@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,11 +14,9 @@ from tests.unit.bent_signals import RATE_HZ, Motion, Rates, arc, bent_recording,
 
 from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.signals import read_signals
-from sinew.identify.joint.motion import swings_of
 from sinew.measure.attitude import gyro_share, tilt_from, torsion_of
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, build_recording
-from sinew.plan.toml import load_rig
 
 BEND, AZIMUTH = math.radians(20.0), math.radians(90.0)
 STEADY = Segment("steady", 6.0, 3.0, 20.0, 0, 20.0, 90.0)
@@ -89,20 +86,7 @@ def test_an_arc_that_twists_leans_out_of_its_plane_by_half_the_sine_of_its_bend(
     assert ratio == pytest.approx(0.5 * math.sin(bend), rel=0.05)
 
 
-def test_a_torsion_beyond_half_a_turn_goes_on() -> None:
-    angle = np.linspace(0.0, 9.0, 50)
-    turned = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0])).as_quat(scalar_first=True)
-    assert torsion_of(turned * np.sign(np.sin(7 * angle) + 0.01)[:, None]) == pytest.approx(angle)
-
-
 # Recordings
-
-
-def test_the_torsion_of_a_bent_head_is_the_gyroscopes_with_its_share_made_good() -> None:
-    recording = bent_recording([(STEADY, twisting(10.0, 3.0), lagging(0.0))])
-    signals = read_signals(recording)
-    read = recording["gyro_rad_s"].values[:, 0]
-    assert signals.response.values == pytest.approx(read / (0.5 + 0.5 * math.cos(BEND)))
 
 
 def test_the_gain_of_a_bent_arc_is_that_of_its_torsion() -> None:
@@ -180,12 +164,6 @@ def test_an_upright_head_that_the_lever_turns_has_no_coupling_table() -> None:
     assert not {"pose", "coupling"} & set(document)
 
 
-def test_the_coupling_is_printed_with_the_pose() -> None:
-    text = str(analyse(bent_recording([(STEADY, swung(), lagging(0.0))], noise=1e-3)))
-    assert re.search(r"bend/° +20\nazimuth/° +90\n", text)
-    assert "coupling, driven by: lever" in text
-
-
 def test_a_recording_of_tendons_that_drive_in_roll_has_the_tilt_and_no_gain_by_the_lever() -> None:
     asked = replace(STEADY, bend_deg=0.0, azimuth_deg=0.0, amplitude_deg=math.nan, excitation="roll", amplitude_mm=1.0)
     motion: Motion = lambda t: arc(0.0, 0.0, 0.0 * t, math.radians(3.0) * np.sin(TWO_PI * 3.0 * t))  # noqa: E731
@@ -237,9 +215,3 @@ def test_the_intervals_of_the_coupling_hold_the_truth_nine_times_in_ten(repeats:
     # 120 draws of 0.9 scatter by 0.027; four of these are within three of them.
     assert all(0.82 <= share <= 0.98 for name, share in shares.items() if name != "nothing"), json.dumps(shares)
     assert shares["nothing"] >= 0.82, json.dumps(shares)
-
-
-def test_the_joint_that_only_turns_is_not_fitted_to_a_bent_head() -> None:
-    recording = bent_recording([(STEADY, twisting(10.0, 3.0), lagging(0.0))])
-    with pytest.raises(RecordingError, match="recording 0 is of a head that bends or sways"):
-        swings_of([recording], load_rig("paper"))

@@ -42,15 +42,6 @@ def test_the_stated_deviation_of_the_damping_is_the_cramer_rao_bound() -> None:
     assert np.mean(stated) == pytest.approx(bound(0.17), rel=0.05)
 
 
-def test_white_noise_is_called_white() -> None:
-    fits = [fit_modes(*record(0.1, seed), free_from_s=0.0, modes=1) for seed in range(30)]
-    assert np.mean([fit.noise_coefficients.size == 0 for fit in fits]) >= 0.9
-
-
-def test_the_noise_of_a_gyroscope_is_called_coloured() -> None:
-    assert fit_modes(*record(0.1, 0, hz=200.0), free_from_s=0.0, modes=1).noise_coefficients.size > 1
-
-
 @pytest.mark.parametrize("harmonics", [False, True])
 @pytest.mark.parametrize("relaxing", [False, True])
 def test_the_derivatives_of_the_oscillation_are_those_of_differences(harmonics: bool, relaxing: bool) -> None:

@@ -18,7 +18,6 @@ from tests.unit.ideal_motor import (
 )
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.signal.motors import idle_power
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +62,6 @@ def test_the_cheapest_frequency_is_the_least_of_the_closed_form(results: xr.Data
         assert results["cheapest_hz"].values[p] == pytest.approx(fine[int(np.argmin(cost))], abs=0.03)
 
 
-def test_copper_gear_and_mechanical_power_add_up(results: xr.Dataset) -> None:
-    parts = [results[f"{name}_at_resonance_w"].values for name in ("copper", "gear", "mechanical")]
-    assert np.allclose(sum(parts), results["drive_power_at_resonance_w"].values, rtol=1e-12)
-    assert np.allclose(results["gear_at_resonance_w"].values, 0.0, atol=0.02)  # of an ideal motor
-
-
 def test_the_tendon_motors_are_paid_from_the_break_even_swing_on(results: xr.Dataset) -> None:
     even, hertz = results["break_even_rad"].values, results["resonance_hz"].values
     saved = (results["trend_cost_at_resonance_j_rad2"] - results["swing_cost_at_resonance_j_rad2"]).values
@@ -86,13 +79,3 @@ def test_a_recording_without_voltage_and_duty_of_the_tendons_takes_the_rigs_volt
 def test_without_a_rig_or_the_duty_there_is_no_power() -> None:
     assert "drive_power_w" not in analyse_recording(recorded())
     assert "drive_power_w" not in analyse_recording(recorded().drop_vars("drive_pwm"), RIG)
-
-
-def test_noise_of_the_current_widens_the_interval_and_leaves_the_power() -> None:
-    noisy = analyse_recording(recorded(repeats=1, noise=0.05), RIG)
-    assert (noisy["drive_power_std_w"].values > 0).all()
-    assert (noisy["drive_power_at_resonance_high_w"].values > noisy["drive_power_at_resonance_w"].values).all()
-
-
-def test_the_idle_power_is_five_standby_currents() -> None:
-    assert idle_power(RIG) == pytest.approx(5 * 0.040 * RIG.drive.supply_voltage.value)

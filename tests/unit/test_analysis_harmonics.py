@@ -32,33 +32,10 @@ def test_harmonics_are_found_on_the_stamps_as_they_are(jitter_s: float) -> None:
     np.testing.assert_allclose(fitted.coefficient[0, 0], COEFFICIENT, atol=1e-10)
 
 
-def test_offset_and_slope_do_not_leak_into_the_harmonics() -> None:
-    time, values = record(3.0, samples=300)
-    fitted = fit_harmonics(time[None], values[None, None], np.array([3.0]))
-    assert (fitted.offset[0, 0], fitted.slope[0, 0]) == pytest.approx((0.3, 0.05))
-
-
-def test_records_that_are_fitted_together_give_what_each_gives_alone() -> None:
-    rows = [record(f) for f in (2.9, 3.0, 5.2)]
-    time, values = (np.stack(column) for column in zip(*rows, strict=True))
-    frequency = np.array([2.9, 3.0, 5.2])
-    together = fit_harmonics(time, values[:, None], frequency).coefficient
-    alone = [
-        fit_harmonics(time[i : i + 1], values[i : i + 1, None], frequency[i : i + 1]).coefficient[0] for i in range(3)
-    ]
-    np.testing.assert_allclose(together, alone, atol=1e-12)
-
-
 def test_harmonics_above_the_sample_rates_reach_are_nan() -> None:
     time, values = record(30.0)
     fitted = fit_harmonics(time[None], values[None, None], np.array([30.0]))
     assert np.isfinite(fitted.coefficient[0, 0]).tolist() == [True, True, True, False, False]
-
-
-def test_a_record_shorter_than_a_period_is_refused() -> None:
-    time, values = record(0.3)
-    with pytest.raises(ValueError, match="cannot hold harmonics"):
-        fit_harmonics(time[None], values[None, None], np.array([0.3]))
 
 
 def test_the_standard_deviation_is_right_for_coloured_noise() -> None:

@@ -7,8 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.experiments.kinds import MANNERS, record, run_trial
-from tests.unit.broadband_signals import noise as noise_drive
-from tests.unit.broadband_signals import shaken
 
 import sinew as sn
 from sinew.analysis.kinds import find_kind
@@ -82,13 +80,6 @@ def test_auto_answers_as_the_kind_would_and_says_why() -> None:
     assert found.notes[0].startswith("taken for a sweep of steady stretches: the drive holds")
 
 
-def test_bridged_gaps_are_refused_where_the_kind_that_is_found_needs_even_samples() -> None:
-    table = record(next(manner for manner in MANNERS if MANNERS[manner] == "sweep"), 1)
-    bridged = read(table.drop(index=range(1000, 1008)), gaps="bridge")
-    with pytest.raises(sn.RecordingError, match="a sweep needs even samples, its gaps cannot be bridged"):
-        sn.analyse(bridged)
-
-
 def test_a_record_of_which_two_kinds_are_possible_is_refused_with_both() -> None:
     # a sine that is held for a third of the time and runs away from there
     t = np.arange(0, 60, 0.01)
@@ -96,14 +87,6 @@ def test_a_record_of_which_two_kinds_are_possible_is_refused_with_both() -> None
     drive = np.sin(2 * np.pi * np.cumsum(frequency) / 100)
     with pytest.raises(sn.RecordingError, match="its kind can be sweep or broadband"):
         find_kind(read(pd.DataFrame({"t": t, "x": np.roll(drive, 5), "u": drive})))
-
-
-def test_a_kind_that_was_read_can_be_said_anew() -> None:
-    table = shaken(noise_drive, [(3.0, 0.05, 1.0)], 1, seconds=60.0).rename(columns={"phi": "x"})
-    documents = [
-        sn.analyse(read(table, kind=kind), kind="broadband").to_dict() for kind in ("sweep", "broadband", "auto")
-    ]
-    assert documents[0] == documents[1] == documents[2]
 
 
 def test_a_word_that_is_no_kind_is_refused() -> None:

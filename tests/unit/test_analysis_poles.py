@@ -10,8 +10,6 @@ from tests.unit.broadband_signals import response_of
 
 from sinew.analysis.broadband import fit_poles_of
 from sinew.analysis.poles import PoleFit, fit_poles
-from sinew.analysis.sweep.resonance import RationalCurves, fit_curves, parameter_spread
-from sinew.measure.errors import RecordingError
 
 BEAM = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine" / "stepped_sine.csv"
 F = np.linspace(1.5, 6.0, 60)
@@ -50,27 +48,6 @@ def test_two_modes_a_half_width_apart_are_told_apart() -> None:
     found = fit(modes(F, (3.0, 0.03), (3.1, 0.04)), 1e-3, count=2).modes
     values = [x.value for mode in found for x in (mode.natural_frequency_hz, mode.damping_ratio)]
     assert values == pytest.approx([3.0, 0.03, 3.1, 0.04], rel=1e-5)
-
-
-def test_the_fitted_response_passes_through_the_points() -> None:
-    response = modes(F, (2.5, 0.03), (4.0, 0.05))
-    assert np.abs(fit(response, 1e-3, count=2).response(F) / response - 1).max() < 1e-6
-
-
-def damping_by(curve: RationalCurves) -> tuple[float, float]:
-    """Return ζ and its deviation by the zero of a - (u² - 1)/w + jbu: ζ = bw/(2 sqrt(1 + aw))."""
-    w, near = curve.half_width_hz / curve.centre_hz, parameter_spread(curve)[0]
-    values = 0.5 * w * near[:, 1] / np.sqrt(1 + w * near[:, 0])
-    return values[0], 0.5 * float(np.linalg.norm(values[1:17] - values[17:]))
-
-
-def test_one_mode_by_partial_fractions_is_one_mode_by_the_rational_curve() -> None:
-    response = noisy(modes(F, (3.0, 0.1)), 0.02, seed=1)
-    std = np.full((1, F.size), 0.02)
-    curve = fit_curves(F[None], response[None], std, std, np.ones((1, F.size), dtype=bool))
-    assert curve.found.all()
-    (value, std), ours = damping_by(curve), fit(response, 0.02).modes[0].damping_ratio
-    assert (ours.value, ours.std) == (pytest.approx(value, rel=1e-5), pytest.approx(std, rel=0.2))
 
 
 def test_the_deviation_of_a_heavily_damped_pole_is_the_least_that_any_fit_can_have() -> None:
@@ -148,13 +125,6 @@ def test_the_90_percent_intervals_of_broadband_records_cover_the_pole(broadband_
     assert 0.86 <= np.mean(inside) <= 0.94
 
 
-@pytest.mark.slow
-def test_the_stated_deviation_of_a_broadband_pole_is_that_of_repeated_records(broadband_trials) -> None:
-    values = np.array([trial.modes[0].damping_ratio.value for trial in broadband_trials])
-    stated = np.median([trial.modes[0].damping_ratio.std for trial in broadband_trials])
-    assert stated == pytest.approx(values.std(), rel=0.15)
-
-
 def test_a_resonance_narrower_than_four_bins_is_reported() -> None:
     rng = np.random.default_rng(2)
     force = rng.standard_normal(20_000)
@@ -166,11 +136,6 @@ def test_a_resonance_narrower_than_four_bins_is_reported() -> None:
 def test_points_that_no_mode_explains_widen_the_intervals_and_say_so() -> None:
     response = modes(F, (3.0, 0.05), (3.2, 0.05), (2.8, 0.05))
     assert "intervals are widened" in fit(response, 1e-4).message
-
-
-def test_too_few_frequencies_are_refused() -> None:
-    with pytest.raises(RecordingError, match="too few"):
-        fit_poles(F[:4], modes(F[:4], (3.0, 0.1)), np.full(4, 0.01))
 
 
 @pytest.mark.skipif(not BEAM.is_file(), reason="real recordings are not beside this repository (../shared/data)")

@@ -6,7 +6,6 @@ import xarray as xr
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
 from sinew.analysis.sweep.response import DRIFT_THRESHOLD, estimate_response
-from sinew.measure.errors import RecordingError
 
 FREQUENCY_HZ = np.array([1.5, 2.0, 2.6, 2.9, 3.1, 3.2, 3.3, 3.5, 3.9, 4.6, 5.3, 6.0])
 DAMPINGS = (0.03, 0.08, 0.15, 0.25)
@@ -30,10 +29,6 @@ def quiet():
     return estimate_response(sweep(JOINTS, FREQUENCY_HZ, drive_amplitude=shrinking), rig_with(QUIET)).columns
 
 
-def test_gain_by_measured_drive_is_right_within_0_3_percent(noisy) -> None:
-    np.testing.assert_allclose(noisy["gain_measured_drive"] / np.abs(TRUTH), 1.0, atol=0.003)
-
-
 def test_the_lag_is_right_within_0_3_degrees(noisy) -> None:
     np.testing.assert_allclose(np.rad2deg(noisy["phase_lag_rad"] + np.angle(TRUTH)), 0.0, atol=0.3)
 
@@ -54,11 +49,6 @@ def test_the_mean_of_peaks_is_the_amplitude_of_a_sine(noisy) -> None:
 def test_the_gain_of_eq_6_divides_by_the_nominal_drive(quiet) -> None:
     short = np.array([shrinking(f) for f in FREQUENCY_HZ])[None, :, None] / np.deg2rad(20)
     np.testing.assert_allclose(quiet["gain"], np.abs(TRUTH) * short, rtol=1e-4)
-
-
-def test_the_measured_drive_amplitude_is_the_levers(noisy) -> None:
-    expected = np.array([shrinking(f) for f in FREQUENCY_HZ])[None, :, None]
-    np.testing.assert_allclose(noisy["drive_amplitude_rad"] / expected, 1.0, atol=0.002)
 
 
 def test_the_stated_noise_of_gain_and_lag_is_the_scatter() -> None:
@@ -99,16 +89,6 @@ def test_the_drives_distortion_is_its_third_harmonics_share() -> None:
     assert columns["drive_distortion"].item() == pytest.approx(0.07, rel=1e-6)
 
 
-def test_the_torsions_distortion_is_that_of_the_angle_and_not_of_the_rate() -> None:
-    recording = sweep([Joint()], [2.0])
-    fundamental = np.deg2rad(20) * abs(Joint().transfer(2.0))
-    rate = recording["gyro_rad_s"].values.copy()
-    omega = 2 * np.pi * 6.0
-    rate[:, 0] += 0.05 * fundamental * omega * np.cos(omega * recording["time_s"].values)
-    columns = estimate_response(recording.assign(gyro_rad_s=recording["gyro_rad_s"].copy(data=rate)), None).columns
-    assert columns["distortion"].item() == pytest.approx(0.05, rel=0.02)
-
-
 def test_saturated_samples_are_counted_and_the_current_is_a_root_mean_square() -> None:
     recording = sweep([Joint()], [3.0])
     duty = np.full(recording.sizes["sample"], 0.5)
@@ -130,13 +110,6 @@ def test_what_was_not_measured_or_is_shorter_than_a_period_is_nan() -> None:
     short = sweep([Joint()], [2.0, 3.0])
     short["frequency_hz"][0] = 0.2
     assert np.isnan(estimate_response(short).columns["gain"][0]).any(axis=1).tolist() == [True, False]
-
-
-def test_a_recording_without_steady_segments_is_refused() -> None:
-    recording = sweep([Joint()], [3.0])
-    recording["kind"][0] = "idle"
-    with pytest.raises(RecordingError, match="no steady segment"):
-        estimate_response(recording)
 
 
 def test_a_foreign_rate_gives_the_angle_that_its_gyroscope_would() -> None:

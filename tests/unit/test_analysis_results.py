@@ -1,8 +1,6 @@
 """Results of a whole recording, and their map and table."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -42,15 +40,6 @@ def test_results_of_a_sweep_have_every_variable_of_response_and_resonance(result
     assert expected - without_currents <= set(map(str, results.variables))
 
 
-def test_results_know_which_recording_they_come_from(recording, results) -> None:
-    assert results.attrs["recording_hash"] == content_hash(recording)
-
-
-def test_results_know_which_effects_of_the_twin_were_off(recording) -> None:
-    part = recording.assign_attrs(effects_off="guide_friction sensor_noise")
-    assert analyse_recording(part).attrs["effects_off"] == "guide_friction sensor_noise"
-
-
 def test_results_survive_a_file(results, tmp_path) -> None:
     save_dataset(results, tmp_path / "results.nc")
     assert content_hash(load_dataset(tmp_path / "results.nc").drop_attrs()) == content_hash(results.drop_attrs())
@@ -83,15 +72,6 @@ def test_the_table_has_a_row_for_each_pretension_and_frequency_with_intervals_in
     assert json.loads(json.dumps(plain(rows), allow_nan=False))
 
 
-@pytest.mark.slow
-def test_analysis_imports_neither_jax_nor_the_twin() -> None:
-    code = (
-        "import sys, sinew.analysis.analysed; print({'jax', 'sinew.twin', 'matplotlib'} & set(sys.modules) or 'none')"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "none"
-
-
 def ring_down_part(pretension_mm, repeats: int) -> xr.Dataset:
     values = np.add.outer(np.asarray(pretension_mm), np.arange(repeats) / 10)
     return xr.Dataset(
@@ -105,11 +85,6 @@ def test_a_pretension_is_found_by_its_millimetres_and_not_by_its_place(recording
     with pytest.raises(KeyError):
         at.sel(pretension_mm=1)
     np.testing.assert_array_equal(at.sel(pretension_mm=15)["gain"], at.isel(pretension_mm=1)["gain"])
-
-
-def test_the_second_repeat_keeps_its_number_where_the_first_is_missing(recording) -> None:
-    later = analyse_recording(recording.assign(repeat=recording["repeat"] + 1))
-    assert later["repeat"].values.tolist() == [2, 3, 4]
 
 
 @pytest.mark.parametrize(
@@ -126,13 +101,6 @@ def test_the_second_repeat_keeps_its_number_where_the_first_is_missing(recording
 def test_results_whose_places_have_no_name_of_their_own_are_refused(results, wrong, told) -> None:
     with pytest.raises(SchemaError, match=told):
         validate_results(wrong(results))
-
-
-def test_repeats_join_by_their_number() -> None:
-    joined = join_parts(
-        [ring_down_part([0.0], 3).rename(damping_ratio="gain").isel(repeat=[0, 2]), ring_down_part([0.0], 3)]
-    )
-    np.testing.assert_array_equal(joined["gain"].values[0], [0.0, np.nan, 0.2])
 
 
 def test_a_ring_down_part_joins_a_sweep_at_its_own_pretensions(results) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sinew.analysis.sweep.response import fit_saturation
-from sinew.measure.errors import RecordingError
 
 PRETENSION_MM = np.arange(0.0, 17.0)
 
@@ -37,8 +36,3 @@ def test_a_straight_line_is_not_given_a_kink() -> None:
 def test_the_interval_of_the_kink_covers_it_85_to_95_times_in_100() -> None:
     fits = [fit_saturation(PRETENSION_MM, kinked(10.4, 0.04, seed)).threshold_mm for seed in range(200)]
     assert 0.85 <= np.mean([fit.low <= 10.4 <= fit.high for fit in fits]) <= 0.95
-
-
-def test_five_pretensions_are_too_few() -> None:
-    with pytest.raises(RecordingError, match="at least 6"):
-        fit_saturation(PRETENSION_MM[:5], kinked(3.0)[:5])

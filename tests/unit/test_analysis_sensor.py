@@ -7,7 +7,6 @@ from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig
 
 from sinew.analysis.signal.signals import (
     DelayBudget,
-    drive_chain,
     read_signals,
     torsion_chain,
     torsion_delay,
@@ -43,15 +42,6 @@ def test_an_mpu9250_behind_the_opencr_library_lags_by_about_eleven_milliseconds(
     assert torsion_delay(budget_of_the_paper(), 3.0) == pytest.approx(10.9e-3, abs=0.2e-3)
 
 
-def test_the_drive_is_a_pure_delay() -> None:
-    budget = DelayBudget(200.0, drive_delay_s=2e-3)
-    np.testing.assert_allclose(np.angle(drive_chain(budget, FREQUENCY_HZ)), -2 * np.pi * FREQUENCY_HZ * 2e-3)
-
-
-def test_a_perfect_sensor_changes_nothing() -> None:
-    np.testing.assert_array_equal(torsion_chain(DelayBudget(200.0), FREQUENCY_HZ), np.ones(5))
-
-
 def test_a_recording_without_rig_has_a_perfect_sensor() -> None:
     recording = sweep([Joint()], [3.0])
     assert read_signals(recording).budget == DelayBudget(pytest.approx(SAMPLE_HZ))
@@ -60,11 +50,6 @@ def test_a_recording_without_rig_has_a_perfect_sensor() -> None:
 def test_the_budget_reads_the_rig() -> None:
     budget = read_signals(sweep([Joint()], [3.0]), rig_with(Sensing(drive_delay_s=1.3e-3))).budget
     assert (budget.low_pass_hz, budget.average_samples, budget.drive_delay_s) == pytest.approx((41.0, 3, 1.3e-3))
-
-
-def test_the_sample_rate_survives_jitter() -> None:
-    recording = sweep([Joint()], [2.0, 3.0, 4.0], sensing=Sensing(jitter_s=0.5e-3))
-    assert read_signals(recording).budget.sample_hz == pytest.approx(SAMPLE_HZ, rel=0.01)
 
 
 def test_without_two_samples_in_a_segment_there_is_no_delay_budget() -> None:

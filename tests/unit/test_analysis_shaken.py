@@ -56,10 +56,6 @@ def test_a_drive_that_repeats_itself_is_averaged_over_its_periods() -> None:
     assert (document["period_s"], document["averages"]) == (8.0, pytest.approx(14))
 
 
-def test_noise_is_not_taken_for_a_drive_that_repeats_itself() -> None:
-    assert analysed(shaken(noise, TWO, 4)).to_dict()["period_s"] is None
-
-
 def test_a_record_with_a_gap_has_the_modes_of_its_pieces() -> None:
     table = shaken(noise, TWO, 5)
     found = analysed(table.drop(index=range(5000, 5700)))
@@ -75,13 +71,6 @@ def test_uneven_samples_are_interpolated_and_said_so() -> None:
     found = analysed(uneven)
     assert any("cubic splines" in note for note in found.notes)
     assert [estimate["value"] for estimate in numbers(found)] == pytest.approx([3.0, 0.05, 5.0, 0.03], rel=0.05)
-
-
-def test_a_response_without_a_resonance_still_has_gain_and_coherence() -> None:
-    table = shaken(noise, [(3.0, 0.1, 1.0)], 7)
-    found = analysed(table.assign(phi=table["u"] + 0.01 * np.random.default_rng(7).standard_normal(table.shape[0])))
-    gains = [row["gain"]["value"] for row in found.to_dict()["frequency_response"]]
-    assert np.median(gains) == pytest.approx(np.radians(1), rel=0.01)
 
 
 def test_a_record_read_as_a_sweep_is_taken_whole_where_that_is_asked() -> None:

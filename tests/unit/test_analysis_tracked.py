@@ -20,7 +20,6 @@ from sinew.analysis.tracked import (
     turns_to_lock,
 )
 from sinew.apps.cli import main
-from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.toml import load_rig
@@ -68,12 +67,6 @@ def test_turns_have_the_frequency_phase_and_amplitudes_that_were_put_in() -> Non
     assert turns["torsion_rad"].values == pytest.approx(TORSION, rel=1e-3)
 
 
-def test_a_frequency_that_moves_is_followed_turn_by_turn() -> None:
-    turns = tracked_turns(recording(drift=0.05), 0, RIG)
-    expected = 3.5 + 0.05 * turns["time_s"].values
-    assert turns["frequency_hz"].values == pytest.approx(expected, rel=1e-4)
-
-
 def test_a_turn_with_a_hole_is_left_out() -> None:
     whole = recording()
     kept = (whole["time_s"].values < 3.0) | (whole["time_s"].values > 3.5)
@@ -102,18 +95,6 @@ def test_what_is_unknown_of_the_delay_is_in_the_interval_of_the_frequency() -> N
     assert point.frequency_hz.std == pytest.approx(phase * point.damping_ratio.value * 3.5, rel=0.05)
 
 
-def test_too_short_a_motion_gives_no_point() -> None:
-    with pytest.raises(RecordingError, match="track longer"):
-        tracked_point(tracked_turns(recording(seconds=3.0), 0, RIG), RIG)
-
-
-def test_another_kind_of_segment_is_refused() -> None:
-    steady = recording()
-    steady["kind"].values[0] = "steady"
-    with pytest.raises(RecordingError, match="expected tracking"):
-        tracked_turns(steady, 0, RIG)
-
-
 def turns_of(error_deg: Sequence[float], number: Sequence[int] | None = None) -> xr.Dataset:
     count = range(2, 2 + len(error_deg)) if number is None else number
     return xr.Dataset({"phase_error_rad": ("turn", np.radians(error_deg)), "number": ("turn", list(count))})
@@ -135,10 +116,6 @@ def test_it_is_locked_at_the_second_turn_below_6_degrees_and_lost_above_30_or_wi
     error_deg: Sequence[float], number: Sequence[int] | None, expected: tuple[float | None, int]
 ) -> None:
     assert turns_to_lock(turns_of(error_deg, number)) == expected
-
-
-def test_turns_are_counted_from_the_first_of_the_drive() -> None:
-    assert tracked_turns(recording(), 0, RIG)["number"].values.tolist() == list(range(2, 28))
 
 
 def test_no_frequency_is_read_off_a_backbone_beyond_its_end() -> None:

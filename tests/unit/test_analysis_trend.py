@@ -64,17 +64,9 @@ def test_a_joint_without_resonance_saves_nothing(swing: np.ndarray) -> None:
     assert trend.saved == pytest.approx(0.0, abs=1e-9)
 
 
-def test_five_frequencies_are_too_few() -> None:
-    assert fit_swing_trend(FREQUENCY[:5], FREQUENCY[:5], FREQUENCY[:5]) is None
-
-
 def test_the_line_leaves_the_resonance_out() -> None:
     straight = 0.1 + 0.15 * FREQUENCY
     near = (FREQUENCY > 2.5) & (FREQUENCY < 3.6)
     line = fit_line_trend(FREQUENCY, np.where(near, 5.0, straight), 3.0)
     assert line is not None
     assert line.current(3.0) == pytest.approx(0.55, rel=1e-9)
-
-
-def test_there_is_no_line_where_nothing_was_measured_above_the_resonance() -> None:
-    assert fit_line_trend(FREQUENCY, FREQUENCY, 5.5) is None

@@ -11,7 +11,7 @@ from tests.unit.bench_journal import RIG, RIG_TEXT, Node, cycle
 from tests.unit.bent_signals import Rates, arc, orientation, sensed
 
 from sinew.apps.dashboard.hub import JournalTail
-from sinew.apps.dashboard.work.design import prediction_for_plan, preview_document
+from sinew.apps.dashboard.work.design import preview_document
 from sinew.apps.dashboard.work.samples import LiveChannels, drawn_rig
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
@@ -87,12 +87,6 @@ def test_what_the_gyroscope_under_reads_of_a_bent_head_is_made_good() -> None:
     assert np.ptp(found) == pytest.approx(np.ptp(true), rel=0.01)
 
 
-def test_an_upright_head_has_the_traces_that_it_had() -> None:
-    keys = [one.key for one in LiveChannels(RIG).channels]
-    assert not {"pitch", "roll", "shortening"} & set(keys)
-    assert drawn_rig(RIG)["pose"] is None
-
-
 def test_a_flat_joint_is_drawn_with_its_own_outline() -> None:
     flat = design_rig(RIG, Design(section=rectangle_section(0.06, 0.03)))
     outline = 1e3 * RIG.silicone.length.value * np.array(drawn_rig(flat)["shape"]["outline"])
@@ -146,9 +140,3 @@ def test_a_tendon_that_would_be_slack_is_refused_before_a_bench_refuses_it() -> 
     found = preview_document(at(BENT, 2.0), RIG_TEXT)
     assert not found["ok"]
     assert "tendon 4 would be slack" in " ".join(found["refusals"])
-
-
-def test_of_a_bent_head_no_curve_is_foretold_and_that_is_said() -> None:
-    found = prediction_for_plan(dump_plan(BENT), RIG_TEXT)
-    assert (found["curves"], found["can_have_bands"]) == ([], False)
-    assert "no prediction beside a head that bends or sways" in found["remarks"][0]

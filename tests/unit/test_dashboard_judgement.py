@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.apps.dashboard.judgement import judge, judged, misses, tally
+from sinew.apps.dashboard.work.results import judge, judged, misses, tally
 
 PLAIN = {"pretension_mm": 2.0, "frequency_hz": [2.0, 3.0, 4.0], "gain": [1.0, 2.0, 1.0], "phase": [10.0, 90.0, 170.0]}
 BAND = {"gain_low": [0.9, 1.7, 0.9], "gain_high": [1.1, 2.3, 1.1]}
@@ -30,13 +30,6 @@ def test_measurement_and_band_count_in_quadrature(value: float, is_missed: bool)
     assert verdict is not None
     assert verdict.half == pytest.approx(0.5)
     assert verdict.misses is is_missed
-
-
-def test_of_a_lopsided_interval_the_side_towards_the_other_counts() -> None:
-    lopsided = {"value": 2.5, "std": 0.1, "interval90": [2.1, 2.6]}
-    verdict = judge("gain", PLAIN | {"gain_low": [0.9, 1.0, 0.9], "gain_high": [1.1, 2.3, 1.1]}, 3.0, lopsided)
-    assert verdict is not None
-    assert verdict.half == pytest.approx(math.hypot(0.4, 0.3))
 
 
 def test_one_honest_point_in_ten_misses_a_band() -> None:
@@ -66,19 +59,6 @@ def test_without_a_band_a_lag_must_be_off_by_ten_degrees(value: float, is_missed
     verdict = judge("phase", PLAIN, 3.0, point(value, 1.0))
     assert verdict is not None
     assert verdict.misses is is_missed
-
-
-def test_a_lag_goes_the_nearer_way_round() -> None:
-    verdict = judge("phase", BANDED, 4.0, point(-188.0, 1.0))
-    assert verdict is not None
-    assert verdict.off == pytest.approx(2.0)
-    assert not verdict.misses
-
-
-def test_by_how_much_is_said_in_shares_and_in_its_uncertainty() -> None:
-    verdict = judge("gain", BANDED, 3.0, point(2.8, 0.4))
-    assert verdict is not None
-    assert verdict.sentence == "+40 %, 1.6 of its uncertainty"
 
 
 @pytest.mark.parametrize(("value", "nearest"), [(2.4, 2.5), (1.8, 1.75)])

@@ -72,12 +72,6 @@ def test_a_rig_that_is_a_link_is_not_on_the_shelf(runs: Path, secret: Path) -> N
     assert [row["ok"] for row in shelf(runs)["rigs"] if row["name"] == "mine.toml"] == [False]
 
 
-def test_a_rig_of_the_lab_is_on_the_shelf(runs: Path, secret: Path) -> None:
-    (runs / "rigs").mkdir()
-    (runs / "rigs" / "mine.toml").write_text((secret / "rig.toml").read_text())
-    assert read_shelf("rigs", "mine.toml", runs) == (secret / "rig.toml").read_text()
-
-
 def test_a_run_with_a_link_is_not_taken_for_one_under_way(runs: Path, secret: Path) -> None:
     (runs / "planted" / CONTROL).write_text("somewhere")
     (runs / "planted" / "plan.toml").symlink_to(secret / "recording.nc")

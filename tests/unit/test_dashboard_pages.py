@@ -14,16 +14,14 @@ from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.analysis.runs import parse_search
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
-from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.curves import Curve, options_of, style_of, summary_of, table_of
 from sinew.apps.dashboard.pages.frame import part, quantity
-from sinew.apps.dashboard.pages.plan import timeline_html
 from sinew.apps.dashboard.pages.runs import looks, trend_options
+from sinew.apps.dashboard.work.results import Verdict
 from sinew.apps.dashboard.worker import TooSlowError
 from sinew.plan.toml import dump_plan, load_plan
 
 LINE = Curve("line", [1, 2, 3], [1.0, 2.0, 3.0], is_line=True)
-POINTS = Curve("points", [1, 2], [1.0, 2.0], [0.5, None], [1.5, None])
 
 
 def drawn(*curves: Curve, **more: Any) -> dict[str, Any]:
@@ -37,12 +35,6 @@ def test_a_trend_within_a_day_has_an_axis_of_days() -> None:
     begin, end = (float(axis[key].removeprefix("() => ")) for key in (":min", ":max"))
     assert begin < 20000.97 * 86_400_000 < end
     assert end - begin >= 86_400_000
-
-
-def test_points_have_whiskers_where_they_have_an_interval() -> None:
-    scatter, whiskers = drawn(POINTS)["series"]
-    assert [point["value"] for point in scatter["data"]] == [[1, 1.0], [2, 2.0]]
-    assert whiskers["data"] == [[1, 0.5, 1.5]]
 
 
 def test_an_unstable_stretch_is_dotted_and_joins_the_stable_one() -> None:
@@ -90,12 +82,6 @@ def test_a_chart_is_summarised_in_words() -> None:
         "gain over frequency / Hz. line: line from 1 to 3, largest 3 at 3. 6 mm, <measured>: 2 points from 3 to 4, "
         "largest 2.5 at 3; missed the prediction at 3 by +25 %, 2.0 of its uncertainty."
     )
-
-
-def test_a_sentence_begins_large_and_its_units_stay_as_they_are() -> None:
-    stage = {"kind": "steady", "groups": 1, "start_s": 0.0, "duration_s": 4.0}
-    stage |= {"frequency_hz": 2.7, "amplitude_deg": 20.0, "pretension_mm": 4.0}
-    assert 'title="Record the steady swing at 2.7 Hz, 4 mm: 0:00 to 0:04, 4.0 s"' in timeline_html([stage])
 
 
 def test_the_table_holds_every_point_and_escapes_its_words() -> None:
@@ -192,39 +178,6 @@ def test_curves_are_predicted_first_and_their_bands_after() -> None:
     assert "Band" in results.remark
 
 
-def test_a_run_that_begins_is_foretold_before_it_has_a_journal(tmp_path: Path) -> None:
-    work = FakeWork()
-    results = results_with(work)
-    results.hub.live, results.runs = None, tmp_path
-    results.hub.steward = {"run": {"name": "next", "started": 1.0, "state": "preparing"}}
-    (tmp_path / "next").mkdir()
-    for name, text in (("plan", dump_plan(load_plan("short"))), ("rig", RIG_TEXT)):
-        (tmp_path / "next" / f"{name}.toml").write_text(text)
-    asyncio.run(followed(results, lambda: "Band" in results.remark))
-    assert results.predicted[0]["pretension_mm"] == 12.0
-    assert results.measured == []
-    assert "the rig" in results.basis
-
-
-def test_a_prediction_is_kept_when_its_run_gets_its_journal(tmp_path: Path) -> None:
-    work = FakeWork(can_have_bands=False)
-    results = results_with(work)
-    live, results.hub.live, results.runs = results.hub.live, None, tmp_path
-    assert live is not None
-    results.hub.steward = {"run": {"name": "run", "started": 0.0, "state": "preparing"}}
-    (tmp_path / "run").mkdir()
-    for name, text in (("plan", live.plan_toml), ("rig", live.rig_toml)):
-        (tmp_path / "run" / f"{name}.toml").write_text(text)
-
-    def goes_on() -> bool:
-        if results.predicted:
-            results.hub.live = live
-        return bool(results.measured)
-
-    asyncio.run(followed(results, goes_on))
-    assert [name for name, _ in work.asked].count("prediction_for_plan") == 1
-
-
 def test_a_rig_without_intervals_has_no_band_and_the_page_says_why() -> None:
     work = FakeWork(can_have_bands=False)
     results = results_with(work)
@@ -240,24 +193,6 @@ def test_groups_that_are_not_analysed_yet_are_asked_for_again() -> None:
         return sum(name == "measured_so_far" for name, _ in work.asked)
 
     asyncio.run(followed(results_with(work), lambda: times_asked() == 2))
-    assert times_asked() == 2
-
-
-def test_a_group_that_is_recorded_while_others_are_analysed_is_analysed_too() -> None:
-    class Slow(FakeWork):
-        async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
-            if name == "measured_so_far" and results.hub.live is not None:
-                results.hub.live.groups_done = max(4, results.hub.live.groups_done)
-            return await super().call(name, *arguments, key=key)
-
-    work = Slow()
-    work.pending = []
-    results = results_with(work)
-
-    def times_asked() -> int:
-        return sum(name == "measured_so_far" for name, _ in work.asked)
-
-    asyncio.run(followed(results, lambda: times_asked() == 2))
     assert times_asked() == 2
 
 

@@ -43,10 +43,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def piece(folder: Path, level: int, number: int) -> dict[str, Any]:
-    """Return a piece that was read whole."""
-    found: dict[str, Any] = {"share": 0.0}
-    while found["share"] < 1:
-        found = json.loads(samples.samples_piece(str(folder), level, number))
+    """Return a piece."""
+    found = json.loads(samples.samples_piece(str(folder), level, number))
     return {key: np.array(found[key] or found["low"], dtype=float) for key in ("time", "low", "high")}
 
 
@@ -77,13 +75,6 @@ def test_the_torsion_goes_on_from_piece_to_piece(folder: Path) -> None:
     assert np.abs(np.diff(torsion)).max() < 1.05 * np.abs(np.diff(expected)).max()
 
 
-def test_a_long_piece_comes_little_by_little(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(samples, "_SPENT_S", -1.0)
-    samples._parts_of.cache_clear()
-    shares = [json.loads(samples.samples_piece(str(folder), 10, 0))["share"] for _ in range(4)]
-    assert shares == [0.25, 0.5, 0.75, 1.0]
-
-
 def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite"
     for opened, began in ((False, 900.0), (True, 40.0)):  # the clock of a computer that was begun anew
@@ -98,12 +89,6 @@ def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) ->
     assert first == [1, 201]
     assert found["time"][known][[0, 199, 200, 399]] == pytest.approx([0.0, 0.995, 1.995, 2.99])
     assert np.isnan(found["low"][DRIVE]).sum() == 1  # where the line is broken
-
-
-def test_a_run_says_where_its_segments_begin(folder: Path) -> None:
-    about = json.loads(samples.samples_about(str(folder)))
-    assert about["segments"] == [{"label": "steady, 4 mm, 3 Hz", "from_s": 0.0}]
-    assert about["end_s"] == pytest.approx((COUNT - 1) / RATE_HZ)
 
 
 def test_a_spectrum_finds_a_swing_at_its_frequency(folder: Path) -> None:

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from starlette.websockets import WebSocket
 
 from sinew.apps.dashboard.hub import MOST_MESSAGE, Hub, Live, Ring, View, frame_of, serve_stream, state_of
-from sinew.apps.dashboard.judgement import Readings, alarm_limits
-from sinew.apps.dashboard.work.samples import Channel, LiveChannels
+from sinew.apps.dashboard.work.samples import Channel, LiveChannels, Readings, alarm_limits
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Ended, Health
@@ -55,31 +54,10 @@ def test_a_second_frame_holds_only_what_is_new() -> None:
     assert (frame["reset"], frame["time"], frame["now"]) == (False, [2.0], [1.0, 2.0, 3.0])
 
 
-def test_samples_that_are_not_played_yet_wait() -> None:
-    run = live(400)
-    run.played = 100
-    assert told(frame_of(run, View(pixels=4000)))["time"][-1] == pytest.approx(99 / RATE, abs=1e-3)
-
-
 def test_a_frame_has_no_more_columns_than_the_screen() -> None:
     frame = told(frame_of(live(4000), View(base_s=20.0, pixels=100)))
     assert len(frame["time"]) <= 101
     assert len(frame["high"][0]) == len(frame["time"])
-
-
-def test_another_run_begins_anew() -> None:
-    run, view = live(400), View()
-    frame_of(run, view)
-    run.epoch = 2
-    assert told(frame_of(run, view))["reset"]
-
-
-def test_a_longer_time_base_gets_the_past_again() -> None:
-    run, view = live(4000), View(base_s=1.0)
-    frame_of(run, view)
-    view.change('{"base_s": 15}')
-    frame = told(frame_of(run, view))
-    assert frame["time"][-1] - frame["time"][0] == pytest.approx(15.0, abs=0.1)
 
 
 @pytest.mark.parametrize("message", ["[]", "nonsense", '{"base_s": "x"}', '{"pixels": true}', " " * (MOST_MESSAGE + 1)])
@@ -280,20 +258,6 @@ def test_the_hottest_motor_and_the_cycles_missed_within_a_minute_are_read() -> N
         if now == 61.0:
             assert readings.document() == {"temperature": (44.0, "tendon 2"), "missed": (6.0, "within a minute")}
     assert readings.document()["missed"] == (0.0, "within a minute")
-
-
-def test_nothing_that_was_there_before_is_alarming(runs: Path) -> None:
-    with journal_of(runs) as journal:
-        journal.append(sample(0))
-        journal.flush()
-        hub = hub_at(runs)
-        asyncio.run(hub.tick(0.04))
-        assert hub.live is not None
-        assert hub.live.readings.document() == {}
-        journal.append(sample(1))
-        journal.flush()
-        asyncio.run(hub.tick(0.04))
-        assert set(hub.live.readings.document()) == {"tension", "tilt"}
 
 
 def test_cycles_missed_before_the_last_minute_are_not_counted_when_a_run_is_found(runs: Path) -> None:

@@ -4,17 +4,11 @@ from pathlib import Path
 
 import pytest
 from tests.unit.bench_journal import RIG_TEXT, write_group
-from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN, PLAN_TEXT, run_folder, swing
+from tests.unit.dashboard_journal import DECAY_PER_S, PLAN, PLAN_TEXT, run_folder, swing
 
-from sinew.apps.dashboard.work.results import LiveResults, measured_so_far, run_results
+from sinew.apps.dashboard.work.results import LiveResults, run_results
 from sinew.bench.record import conversion
 from sinew.bench.record.journal import Journal
-from sinew.measure.errors import FileError
-
-
-def test_a_journal_with_nothing_finished_gives_empty_lists(tmp_path: Path) -> None:
-    found = measured_so_far(str(run_folder(tmp_path / "run", []) / "journal.sqlite"))
-    assert (found["curves"], found["damping"], found["groups_done"]) == ([], [], 0)
 
 
 def test_a_group_appears_when_it_is_finished_while_the_run_goes_on(tmp_path: Path) -> None:
@@ -73,12 +67,3 @@ def test_a_group_that_is_measured_again_replaces_what_it_said(tmp_path: Path) ->
         write_group(journal, 1, swing(1), attempt=1, plan=PLAN)
     (curve,) = live.update()["curves"]
     assert curve["repeats"] == [1]
-
-
-def test_all_groups_are_counted(tmp_path: Path) -> None:
-    assert LiveResults(run_folder(tmp_path / "run") / "journal.sqlite").update()["groups_done"] == GROUPS
-
-
-def test_no_journal_is_said_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="there is no journal"):
-        measured_so_far(str(tmp_path / "journal.sqlite"))

@@ -1,7 +1,5 @@
 """The list of runs, their results and their files: made once, kept, and never an exception for a damaged folder."""
 
-import itertools
-import json
 from pathlib import Path
 
 import pandas as pd
@@ -52,13 +50,6 @@ def test_a_damaged_journal_is_a_row_with_a_sentence(tmp_path: Path) -> None:
     assert "damaged" in row["sentence"]
 
 
-def test_folders_without_a_run_are_left_out(tmp_path: Path) -> None:
-    for name in ("rigs", "plans", "empty"):
-        (tmp_path / name).mkdir()
-    run_folder(tmp_path / "run", [0])
-    assert [row["name"] for row in look_at_runs(tmp_path)["runs"]] == ["run"]
-
-
 def test_a_second_look_opens_no_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_folder(tmp_path / "run", [0, 1])
     first = look_at_runs(tmp_path)["runs"]
@@ -70,24 +61,10 @@ def test_a_second_look_opens_no_journal(tmp_path: Path, monkeypatch: pytest.Monk
     assert look_at_runs(tmp_path)["runs"] == first
 
 
-def test_a_run_that_went_on_is_summed_up_anew(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run", [0])
-    look_at_runs(tmp_path)["runs"]
-    (folder / "journal.sqlite").unlink()
-    run_folder(folder, [0, 1, 2])
-    assert look_at_runs(tmp_path)["runs"][0]["groups_done"] == 3
-
-
 def test_results_of_a_journal_hold_curves_and_damping(whole: Path) -> None:
     found = run_results(whole)
     assert [curve["frequency_hz"] for curve in found["curves"]] == [[2.9, 4.3], [2.9, 4.3]]
     assert [row["decay_rate_per_s"]["value"] for row in found["damping"]] == pytest.approx([DECAY_PER_S] * 2, rel=0.02)
-
-
-def test_results_are_kept_beside_the_recording_as_sinew_analyse_writes_them(whole: Path) -> None:
-    run_results(whole)
-    document = json.loads((whole / "analysis.json").read_text(encoding="utf-8"))
-    assert document == run_results(whole)["document"]
 
 
 def test_results_of_a_run_under_way_are_those_of_its_groups(tmp_path: Path) -> None:
@@ -105,25 +82,9 @@ def test_a_damaged_recording_is_said_in_a_sentence(tmp_path: Path) -> None:
         run_results(tmp_path / "run")
 
 
-def test_a_downloaded_recording_reads_back(whole: Path) -> None:
-    recording = load_recording(download(whole, "recording"))
-    assert "steady" in set(map(str, recording["kind"].values))
-
-
 def test_a_downloaded_table_has_a_row_for_each_sample(whole: Path) -> None:
     rows = len(pd.read_csv(download(whole, "csv")))
     assert rows == load_recording(download(whole, "recording")).sizes["sample"]
-
-
-def test_a_look_at_a_new_folder_gives_its_turn_back_within_two_seconds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for number in range(8):
-        run_folder(tmp_path / f"run{number}", [])
-    now = itertools.count(step=0.5)  # half a second for each run that is read
-    monkeypatch.setattr("sinew.analysis.runs.time.monotonic", lambda: next(now))
-    left = [look_at_runs(tmp_path)["left"] for _ in range(3)]
-    assert left == [4, 0, 0]
 
 
 def test_a_downloaded_matlab_file_reads_back(whole: Path) -> None:

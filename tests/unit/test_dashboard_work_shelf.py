@@ -16,14 +16,6 @@ def test_what_ships_is_listed_with_a_line_on_what_it_is() -> None:
     assert all(row["ok"] and "mm" in row["about"] for row in rows)
 
 
-def test_the_labs_own_plans_follow(tmp_path: Path) -> None:
-    (tmp_path / "plans").mkdir()
-    (tmp_path / "plans" / "mine.toml").write_text(read_spec("plans", "short"), encoding="utf-8")
-    row = shelf(tmp_path)["plans"][-1]
-    assert (row["name"], row["shipped"]) == ("mine.toml", False)
-    assert read_shelf("plans", "mine.toml", tmp_path) == read_spec("plans", "short")
-
-
 def test_a_file_that_is_no_plan_says_so_in_its_line(tmp_path: Path) -> None:
     (tmp_path / "plans").mkdir()
     (tmp_path / "plans" / "bad.toml").write_text("name = 3", encoding="utf-8")

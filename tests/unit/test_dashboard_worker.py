@@ -11,7 +11,6 @@ import pytest
 from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
-from sinew.apps.dashboard.work.runs import shelf
 from sinew.apps.dashboard.worker import CALLS, POOLS, Call, Worker, WorkerError, unless_left
 from sinew.measure.errors import SpecError
 
@@ -53,16 +52,8 @@ def sized(worker: Worker, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         one.close()
 
 
-def test_what_is_called_runs_in_another_process(worker: Worker) -> None:
-    assert asyncio.run(worker.call("process")) != os.getpid()
-
-
 def test_that_process_gives_way_to_a_control_loop(worker: Worker) -> None:
     assert asyncio.run(worker.call("priority")) > os.getpriority(os.PRIO_PROCESS, 0)
-
-
-def test_a_function_of_the_pages_answers_as_if_called_here(worker: Worker, tmp_path: Path) -> None:
-    assert asyncio.run(worker.call("shelf", str(tmp_path))) == shelf(tmp_path)
 
 
 def test_an_error_that_a_user_can_put_right_comes_back_as_it_is(worker: Worker) -> None:
@@ -95,14 +86,6 @@ def test_of_the_requests_of_a_slider_that_wait_only_the_newest_is_run(worker: Wo
 
     assert asyncio.run(slide()) == ["0", None, None, None, None, "5"]
     assert notes.read_text(encoding="utf-8").split() == ["0", "5"]
-
-
-def test_other_keys_do_not_replace_each_other(worker: Worker, tmp_path: Path) -> None:
-    async def slide() -> list[str | None]:
-        both = (worker.call("note", str(tmp_path / "notes"), one, key=one) for one in ("a", "b"))
-        return await asyncio.gather(*both)
-
-    assert asyncio.run(slide()) == ["a", "b"]
 
 
 def test_a_process_that_ends_is_started_again_once(worker: Worker, tmp_path: Path) -> None:
@@ -141,21 +124,6 @@ def test_a_process_that_nobody_asks_ends_and_the_next_call_has_another(sized: Ca
 
     before, after = asyncio.run(pause())
     assert before != after
-
-
-def test_a_process_under_way_outlasts_the_time_after_which_an_idle_one_ends(
-    sized: Callable[..., Worker], tmp_path: Path
-) -> None:
-    impatient, go = sized(idle_s=0.01), Path(f"{tmp_path / 'notes'}.go")
-
-    async def work() -> object:
-        task = asyncio.create_task(impatient.call("note", str(tmp_path / "notes"), "0"))
-        while not (tmp_path / "notes").exists():
-            await asyncio.sleep(0.05)  # several times as long as an idle one may stay
-        go.touch()
-        return await task
-
-    assert asyncio.run(work()) == "0"
 
 
 def test_a_call_that_nobody_waits_for_any_more_is_cut_off(sized: Callable[..., Worker], tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sinew.bench.record.journal import JournalReader
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 
-from sinew.apps.dashboard.work.streamed import LOG, SAMPLES, SEGMENT, SHOWN, RunStream
+from sinew.apps.bench.stream import SAMPLES, RunStream
 
 MESSAGE = 1
 """Opcode of a message: then the subscription, 4 bytes, and the time in nanoseconds, 8, little-endian."""
@@ -69,11 +69,6 @@ def sent(stream: RunStream, viewer: Viewer, *topics: str) -> None:
         pass
 
 
-def test_every_channel_of_a_stream_has_a_json_schema(viewer: Viewer) -> None:
-    encodings = {topic: (one["encoding"], one["schemaEncoding"]) for topic, one in viewer.channels.items()}
-    assert encodings == dict.fromkeys((SAMPLES, SHOWN, SEGMENT, LOG), ("json", "jsonschema"))
-
-
 def test_streamed_samples_are_those_of_the_journal(stream: RunStream, viewer: Viewer, tmp_path: Path) -> None:
     sent(stream, viewer, SAMPLES)
     got = [message for _, message in viewer.messages(SAMPLES, 50)]
@@ -84,22 +79,11 @@ def test_streamed_samples_are_those_of_the_journal(stream: RunStream, viewer: Vi
         assert [one[name] for one in got] == rows[name].tolist()
 
 
-def test_streamed_messages_name_only_what_their_schema_has(stream: RunStream, viewer: Viewer) -> None:
-    sent(stream, viewer, SHOWN)
-    schema = json.loads(viewer.channels[SHOWN]["schema"])
-    message = viewer.messages(SHOWN, 1)[0][1]
-    assert message.keys() <= schema["properties"].keys()
-
-
 def test_times_of_streamed_messages_follow_the_clock_of_the_run(stream: RunStream, viewer: Viewer) -> None:
     sent(stream, viewer, SAMPLES)
     got = viewer.messages(SAMPLES, 50)
     steps = np.diff([stamp for stamp, _ in got]) * 1e-9
     assert steps == pytest.approx(np.diff([message["time_s"] for _, message in got]), abs=2e-9)
-
-
-def test_a_stream_takes_nothing_from_viewers(viewer: Viewer) -> None:
-    assert viewer.info["capabilities"] == []
 
 
 def test_a_stream_listens_on_this_machine_only(stream: RunStream) -> None:

@@ -32,11 +32,7 @@ def serve(
     emulate: Annotated[bool, flag("--emulate", "Steer an emulated bench, which is begun here.")] = False,
     rig: Annotated[str, option("RIG", "The rig that is emulated, and offered first; a file or a name.")] = "paper",
     runs: Annotated[Path, option("DIR", "Folder of the runs.")] = Path("runs"),
-    http: Annotated[str, option("HOST:PORT", "Where the pages are served.")] = "127.0.0.1:8080",
-    steering_port: Annotated[int | None, option("PORT", "Port of the commands; else PORT+1.", min=1, max=65535)] = None,
-    host: Annotated[
-        list[str] | None, option("NAME", "A name under which a reverse proxy brings browsers; may be repeated.")
-    ] = None,
+    http: Annotated[str, option("HOST:PORT", "Where pages are served, commands one port on.")] = "127.0.0.1:8080",
     token_file: Annotated[Path | None, option("FILE", "Take the token from a file, not a new one.")] = None,
     seed: Seed = 0,
     json: Json = False,
@@ -55,10 +51,9 @@ def serve(
     _refuse_without_packages()
     from sinew.apps.dashboard.steward import Settings, Steward
 
-    access = _access(http, host or [], token_file)
+    access = _access(http, token_file)
     settings = Settings(
         access=access,
-        steering_port=_steering_port(steering_port, access.port),
         runs=runs,
         bench="emulator" if emulate else "port" if port_bench is not None else None,
         port=port_bench,
@@ -68,8 +63,8 @@ def serve(
     if not access.is_loopback:
         remark(
             "what goes over the network is not encrypted, and who listens learns the token; better leave --http out "
-            f"and use ssh -L {access.port}:127.0.0.1:{access.port} -L {settings.steering_port}:127.0.0.1:"
-            f"{settings.steering_port}, or a proxy with TLS"
+            f"and use ssh -L {access.port}:127.0.0.1:{access.port} -L {access.steering_port}:127.0.0.1:"
+            f"{access.steering_port}"
         )
     steward, over = Steward(settings), threading.Event()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was begun is ended
@@ -84,7 +79,6 @@ def serve(
         signal.signal(signal.SIGQUIT, lambda *_: threading.Thread(target=_stop_bench, args=(steward,)).start())
         _await_page(steward, over)
         _say_ready(steward, access, as_json=json)
-        steward.await_bench(over)
         over.wait()
         if (left := steward.run_left()) is not None:
             remark(f"the run {left} is stopped; Ctrl-C again does not wait")
@@ -109,7 +103,7 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
     url = f"http://{name}:{access.port}/#token={quote(access.token, safe='')}"
     if as_json:
         bench = {"kind": settings.bench, "port": steward.port, "rig": settings.rig}
-        steering = f"http://{name}:{settings.steering_port}"
+        steering = f"http://{name}:{access.steering_port}"
         print(json_.dumps({"url": url, "steering": steering, "runs": str(settings.runs), "bench": bench}))
     else:
         print(url)
@@ -128,20 +122,17 @@ def _refuse_without_packages() -> None:
         )
 
 
-def _access(http: str, names: list[str], token_file: Path | None) -> "Access":
+def _access(http: str, token_file: Path | None) -> "Access":
     from sinew.apps.dashboard.access import Access, new_token
     from sinew.measure.errors import SpecError
 
     found = _ADDRESS.fullmatch(http)
-    if found is None or not 1 <= int(found[2]) <= 65535:
-        raise SpecError(f"found --http {http}, expected HOST:PORT such as 127.0.0.1:8080")
+    if found is None or not 1 <= int(found[2]) < 65535:
+        raise SpecError(f"found --http {http}, expected HOST:PORT such as 127.0.0.1:8080, PORT at most 65534")
     address = found[1].strip("[]")
-    for name in names:
-        if re.fullmatch(r"[A-Za-z0-9._-]+|\[[0-9a-fA-F:.]+\]", name) is None:
-            raise SpecError(f"found --host {name}, expected a name or an address without scheme and port")
     own = tuple(_own_names()) if address in _ANY else ()
     token = new_token() if token_file is None else _read_token(token_file)
-    return Access(token, address, int(found[2]), tuple(names), own)
+    return Access(token, address, int(found[2]), own)
 
 
 def _own_names() -> list[str]:
@@ -150,17 +141,6 @@ def _own_names() -> list[str]:
     with suppress(OSError):
         return [name, *{str(entry[4][0]).partition("%")[0] for entry in socket.getaddrinfo(name, None)}]
     return [name]
-
-
-def _steering_port(asked: int | None, page: int) -> int:
-    from sinew.measure.errors import SpecError
-
-    port = page + 1 if asked is None else asked
-    if port == page or port > 65535:
-        raise SpecError(
-            f"found {port} for the port of commands, expected another port than the page's; --steering-port"
-        )
-    return port
 
 
 def _read_token(file: Path) -> str:

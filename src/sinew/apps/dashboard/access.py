@@ -61,7 +61,7 @@ class Access:
 
     token: the secret that a viewer types or follows a link with.
     host, port: the address of the page, as it is bound; an IPv6 address without brackets.
-    hosts: names under which a reverse proxy brings browsers, without a port. own_names: further ones of this computer.
+    own_names: further names of this computer, without a port.
     key: signs the sessions; it is new at every start, so that a restart ends all of them.
     signed_out: sessions that were ended, as far as this process has heard. clock: monotonic [s].
     """
@@ -69,7 +69,6 @@ class Access:
     token: str = field(repr=False)
     host: str
     port: int
-    hosts: tuple[str, ...] = ()
     own_names: tuple[str, ...] = ()
     key: str = field(default_factory=lambda: secrets.token_urlsafe(32), repr=False, compare=False)
     signed_out: set[str] = field(default_factory=set, repr=False, compare=False)
@@ -90,11 +89,13 @@ class Access:
 
     @property
     def must_sign_in(self) -> bool:
-        """Whether even looking takes a session or the token: others than this computer's users may reach the page.
+        """Whether even looking takes a session or the token: others than this computer's users may reach the page."""
+        return not self.is_loopback
 
-        Further names are those of a proxy, which brings strangers to an address that only this computer has.
-        """
-        return not self.is_loopback or bool(self.hosts)
+    @property
+    def steering_port(self) -> int:
+        """The port of the commands: the one after that of the page."""
+        return self.port + 1
 
     @property
     def near(self) -> str:
@@ -103,21 +104,13 @@ class Access:
 
     def names(self) -> frozenset[str]:
         """Return the host names that we serve, in lower case, IPv6 addresses in brackets."""
-        own = {_bracketed(name.lower()) for name in (self.host, *self.hosts, *self.own_names)}
+        own = {_bracketed(name.lower()) for name in (self.host, *self.own_names)}
         return frozenset(own | _LOCAL_NAMES)
 
     def origins(self) -> list[str]:
-        """Return the origins of our own page; https is that of a proxy, on the same port or, under its name, on 443.
-
-        Browsers leave a port out that is the usual one of the scheme.
-        """
-        names = self.names()
-        found = {f"{scheme}://{name}:{self.port}" for name in names for scheme in ("http", "https")}
-        if self.port == 80:
-            found |= {f"http://{name}" for name in names}
-        if self.port == 443:
-            found |= {f"https://{name}" for name in names}
-        return sorted(found | {f"https://{_bracketed(name.lower())}" for name in self.hosts})
+        """Return the origins of our own page; browsers leave the usual port out."""
+        port = "" if self.port == 80 else f":{self.port}"
+        return sorted(f"http://{name}{port}" for name in self.names())
 
     def host_is_ours(self, host: str | None) -> bool:
         """Return whether a Host header names us, whatever the port: two of them are served, and tunnels have more."""
@@ -154,18 +147,10 @@ class Access:
         """Return the id of the session that a request shows, if any."""
         return self.session_in(connection.cookies.get(self.cookie_name))
 
-    def set_cookie(self, response: Response, connection: HTTPConnection, value: str) -> None:
-        """Hand a session to the browser, `Secure` where our page came by TLS; an empty value takes it away."""
-        origin = connection.headers.get("origin", "").lower()
-        response.set_cookie(
-            self.cookie_name,
-            value,
-            max_age=SESSION_S if value else 0,
-            path="/",
-            secure=origin.startswith("https:") and self.origin_is_ours(origin),
-            httponly=True,
-            samesite="strict",
-        )
+    def set_cookie(self, response: Response, value: str) -> None:
+        """Hand a session to the browser; an empty value takes it away."""
+        age = SESSION_S if value else 0
+        response.set_cookie(self.cookie_name, value, max_age=age, path="/", httponly=True, samesite="strict")
 
     def bearer_is_right(self, connection: HTTPConnection) -> bool:
         """Return whether a request carries the token itself in its Authorization header; no browser does so unasked."""
@@ -177,11 +162,8 @@ class Access:
         return self.session(connection) is not None or self.bearer_is_right(connection)
 
     def is_at_machine(self, connection: HTTPConnection) -> bool:
-        """Return whether a request comes from the computer that serves, and no proxy can have brought it.
-
-        A proxy that is declared may bring anybody; one that is not is known by what proxies add to a request.
-        """
-        if self.hosts or connection.client is None or any(name in connection.headers for name in _FORWARDED):
+        """Return whether a request comes from the computer that serves, and none that a proxy passed on to it."""
+        if connection.client is None or any(name in connection.headers for name in _FORWARDED):
             return False
         server = connection.scope.get("server") or ("", None)
         return _is_local(connection.client.host) or connection.client.host == server[0]
@@ -190,17 +172,15 @@ class Access:
         """Return whether a request may stop the bench at once: of who is signed in, or sits at this computer."""
         return self.is_signed_in(connection) or self.is_at_machine(connection)
 
-    def security_policy(self, connection: HTTPConnection, steering_port: int | None, nonce: str) -> str:
+    def security_policy(self, connection: HTTPConnection, nonce: str) -> str:
         """Return the Content-Security-Policy of a page: nothing of another host, no script that we did not write.
 
-        steering_port: of the commands, to which pages speak; None where they do not. nonce: of the scripts in the page.
-        NiceGUI evaluates what its server sends and styles elements one by one, so `unsafe-eval` and inline styles stay.
+        nonce: of the scripts in the page. NiceGUI evaluates what its server sends and styles elements one by one, so
+        `unsafe-eval` and inline styles stay.
         """
         host = connection.headers.get("host", "")
         name = _bracketed(urlsplit(f"//{host}").hostname or "") if self.host_is_ours(host) else ""
-        reached = ["'self'", *(f"{scheme}://{host}" for scheme in ("ws", "wss") if name)]
-        if steering_port is not None and name:
-            reached += [f"{scheme}://{name}:{steering_port}" for scheme in ("http", "https")]
+        reached = ["'self'", *([f"ws://{host}", f"http://{name}:{self.steering_port}"] if name else [])]
         return "; ".join(
             (
                 "default-src 'self'",
@@ -225,9 +205,8 @@ class Access:
 class Gate:
     """An ASGI application before another one, which only requests get to that may.
 
-    must_sign_in: whether even looking takes a session or the token. free: paths that never do; one that ends in a slash
-    stands for all below it. sign_in_page: HTML for a browser that has to sign in; programs get JSON. steering_port: of
-    the commands, if the pages behind us speak to it. most_body: of a request [bytes].
+    free: paths that never take a session or the token; one that ends in a slash stands for all below it. sign_in_page:
+    HTML for a browser that has to sign in; programs get JSON. most_body: of a request [bytes].
 
     Refused are, before the application hears of it: 421 another Host; 403 a foreign Origin, or none without the token,
     where something may change (a web socket is closed with 1008 before it is accepted); 401 nobody signed in; 413 a
@@ -239,15 +218,12 @@ class Gate:
         app: "ASGIApp",
         access: Access,
         *,
-        must_sign_in: bool,
         free: Collection[str] = ("/login",),
         sign_in_page: str = "",
-        steering_port: int | None = None,
         most_body: int = 256 * 1024,
     ) -> None:
-        self.app, self.access, self.must_sign_in = app, access, must_sign_in
-        self.free, self.sign_in_page, self.steering_port = tuple(free), sign_in_page, steering_port
-        self.most_body = most_body
+        self.app, self.access = app, access
+        self.free, self.sign_in_page, self.most_body = tuple(free), sign_in_page, most_body
 
     async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
         """Let a request through, or refuse it."""
@@ -264,7 +240,7 @@ class Gate:
                 await WebSocketClose(1008, refusal.detail)(scope, receive, send)
             return
         nonce = secrets.token_urlsafe(16)
-        send = _guarding(send, self.access.security_policy(connection, self.steering_port, nonce), nonce)
+        send = _guarding(send, self.access.security_policy(connection, nonce), nonce)
         if refusal is None:
             await self.app(_uncompressed(scope, connection), _bounded(receive, self.most_body), send)
         else:
@@ -288,7 +264,7 @@ class Gate:
         length = headers.get("content-length", "0")
         if not length.isdecimal() or len(length) > 12 or int(length) > self.most_body:
             return HTTPException(413, _too_large(self.most_body))
-        if self.must_sign_in and not access.is_signed_in(connection) and not self._is_free(connection.scope["path"]):
+        if access.must_sign_in and not access.is_signed_in(connection) and not self._is_free(connection.scope["path"]):
             return HTTPException(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
         return None
 
@@ -412,7 +388,7 @@ def sign_in_routes(access: Access, page: str) -> list[Route]:
             await asyncio.sleep(WRONG_S)
             return said(401, "this is not the token; copy the one that `sinew serve` printed")
         answer = said(200, "signed in")
-        access.set_cookie(answer, request, access.new_session())
+        access.set_cookie(answer, access.new_session())
         return answer
 
     return [

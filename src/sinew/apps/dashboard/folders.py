@@ -20,8 +20,8 @@ from sinew.measure.errors import FileError, SinewError
 class RefusedError(SinewError):
     """A command is not carried out.
 
-    status: of HTTP, 4xx: 403 not allowed, 409 not now, 422 not valid. more: what else is answered: taken, where another
-    page is in control; exists, where there is one of that name.
+    status: of HTTP, 4xx: 409 not now, 422 not valid. more: what else is answered: exists, where there is one of that
+    name.
     """
 
     def __init__(self, status: int, sentence: str, **more: int) -> None:

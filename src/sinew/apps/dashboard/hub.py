@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import monotonic
 from time import time as wall_clock
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import orjson
@@ -23,7 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import unlinked
-from sinew.apps.dashboard.judgement import Readings, judged
+from sinew.apps.dashboard.work.results import judged
 from sinew.apps.dashboard.work.samples import (
     GAP_S,
     TORSION,
@@ -31,6 +31,7 @@ from sinew.apps.dashboard.work.samples import (
     JournalTail,
     LiveChannels,
     News,
+    Readings,
     drawn_rig,
     dumped,
     thin,
@@ -290,12 +291,12 @@ _NO_BAND = (
 
 @dataclass
 class Results:
-    """What is known of the run that the hub follows, or of one that begins.
+    """What is known of the run that the hub follows.
 
     predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
     certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
     `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}, each point with its verdict
-    (see `sinew.apps.dashboard.judgement.judged`). damping: of ring-downs. basis: what the prediction rests on.
+    (see `sinew.apps.dashboard.work.results.judged`). damping: of ring-downs. basis: what the prediction rests on.
     remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
     something is missing. is_predicting: whether a prediction was ever asked for. version: rises with every change.
     """
@@ -320,37 +321,22 @@ class Results:
         done: tuple[int, int] | None = None  # epoch and groups that were analysed
         predicting: asyncio.Task[None] | None = None
         while True:
-            live, begins = self.hub.live, self._begins()
-            run = begins or live
-            if run is not None and (run.name, run.started) != looked:
-                looked = (run.name, run.started)
+            live = self.hub.live
+            if live is not None and (live.name, live.started) != looked:
+                looked = (live.name, live.started)
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
-                told = parse_plan(run.plan_toml), parse_rig(run.rig_toml)  # a journal has the texts in its own words
-                if told != foretold:
+                told = parse_plan(live.plan_toml), parse_rig(live.rig_toml)
+                if told != foretold:  # a run that goes on keeps what was predicted of it
                     foretold = told
                     self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
                     if predicting is not None:
                         predicting.cancel()
-                    predicting = asyncio.create_task(self._predict(run.plan_toml, run.rig_toml))
+                    predicting = asyncio.create_task(self._predict(live.plan_toml, live.rig_toml))
                 self.version += 1
-            if live is not None and begins is None and (live.epoch, live.groups_done) != done:
+            if live is not None and (live.epoch, live.groups_done) != done:
                 recorded = live.epoch, live.groups_done  # more may be by the time these are analysed
                 done = recorded if await self._measure(live) else None
             await asyncio.sleep(_LOOK_S)
-
-    def _begins(self) -> "_Begun | None":
-        """Return the run that is under way and has no journal yet; None where the hub has it, or its plan cannot be
-        read."""
-        run, live = (self.hub.steward or {}).get("run"), self.hub.live
-        if run is None or (live is not None and live.name == run["name"]):
-            return None
-        try:
-            folder = unlinked(self.runs / run["name"])
-            texts = [(folder / f"{name}.toml").read_text(encoding="utf-8") for name in ("plan", "rig")]
-            parse_plan(texts[0]), parse_rig(texts[1])
-        except (OSError, ValueError, SinewError):
-            return None
-        return _Begun(run["name"], float(run.get("started") or 0.0), *texts)
 
     async def _predict(self, plan_toml: str, rig_toml: str) -> None:
         """Predict the curves first, then their bands, which take longer."""
@@ -389,15 +375,6 @@ class Results:
             self.trouble = ""
             self.version += 1
         return True
-
-
-class _Begun(NamedTuple):
-    """A run that has no journal yet: name, start [s since 1970] and texts of its plan and rig."""
-
-    name: str
-    started: float
-    plan_toml: str
-    rig_toml: str
 
 
 def basis_of(rig: RigSpec) -> str:

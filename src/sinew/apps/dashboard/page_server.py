@@ -42,9 +42,8 @@ _AGAIN_S = 1.0
 
 class Config(BaseModel):
     """What the steward says. token, key: of this start, see `Access`. http_host, http_port: of the pages.
-    steering_port: of the commands. runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None.
-    version: of Sinew. hosts: names under which a reverse proxy brings browsers; own_names: further ones of this
-    computer."""
+    runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None.
+    version: of Sinew. own_names: further names of this computer."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -52,19 +51,17 @@ class Config(BaseModel):
     key: str
     http_host: str
     http_port: int
-    steering_port: int
     runs: Path
     rig: str
     bench: str | None
     version: str
-    hosts: tuple[str, ...] = ()
     own_names: tuple[str, ...] = ()
 
 
 def make_app(config: Config, access: Access, work: Worker, status: Callable[[], Awaitable[dict[str, Any]]]) -> FastAPI:
     """Return the application. access: who may come in. work: the worker. status: asks the steward."""
     hub = Hub(config.runs, status)
-    ours = config.runs, config.rig, config.bench, config.steering_port, access.must_sign_in, config.version
+    ours = config.runs, config.rig, config.bench, access, config.version
     site = Site(*ours, hub, work, Results(hub, work, config.runs))
 
     @asynccontextmanager
@@ -101,10 +98,8 @@ def make_app(config: Config, access: Access, work: Worker, status: Callable[[], 
     app.add_middleware(
         Gate,
         access=access,
-        must_sign_in=site.is_locked,
         free=("/login", "/sinew/"),
         sign_in_page=asking,
-        steering_port=config.steering_port,
     )
     return app
 
@@ -141,9 +136,9 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
 
 async def serve(config: Config) -> None:
     """Serve until stdin ends."""
-    access = Access(config.token, config.http_host, config.http_port, config.hosts, config.own_names, config.key)
-    where = httpx.URL(scheme="http", host=access.near, port=config.steering_port, path="/status")
-    headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{config.steering_port}"}
+    access = Access(config.token, config.http_host, config.http_port, config.own_names, config.key)
+    where = httpx.URL(scheme="http", host=access.near, port=access.steering_port, path="/status")
+    headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{access.steering_port}"}
     async with httpx.AsyncClient(headers=headers, timeout=_STATUS_WAIT_S, trust_env=False) as client:
 
         async def status() -> dict[str, Any]:

@@ -28,15 +28,18 @@ from starlette.types import ASGIApp
 from sinew import __version__
 from sinew.apps.bench.run_control import forget_socket, send_control
 from sinew.apps.dashboard.access import Access, Gate, said, server_config
-from sinew.apps.dashboard.emergency import Emergency, Order, Rest, bring_to_rest
 from sinew.apps.dashboard.folders import BENCH, RefusedError
 from sinew.apps.dashboard.run_desk import (
     Control,
+    Emergency,
+    Order,
     Process,
+    Rest,
     RunDesk,
     Specs,
     Way,
     await_end,
+    bring_to_rest,
     end_process,
     let_go,
     sinew_command,
@@ -47,49 +50,33 @@ from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 
-_READY_S = 90.0
-_ANEW_S = 180.0  # until its port is there, on a busy computer; in space there is a quarter of a minute to compile
+_ANEW_S = 180.0  # until the port of an emulator is there, on a busy computer; in space it compiles for some seconds
 _END_S = 5.0
 _LOOK_S = 0.05
 
 
 class BenchEmulator:
-    """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json).
+    """`sinew emulate` in a process of its own, begun anew for each run as the rig of that run.
 
-    spec: the rig that it plays. is_in_space: whether it plays a head with mass, that bends and sways; a second of it
-    costs thirty times as much, so it is begun where a plan bends.
+    folder: for its link, its log and what truly happened (truth.json).
     """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
         self._folder, self._command = folder, command
-        self._log = folder / "emulator.log"
         self._process: Process | None = None
         self.port = str(folder / "port")
-        self.spec: RigSpec | None = None
-        self.is_in_space = False
-
-    @property
-    def is_there(self) -> bool:
-        """Whether the emulator goes on."""
-        return self._process is not None and self._process.poll() is None
 
     @property
     def is_ready(self) -> bool:
         """Whether its port is there; not for a while after it was begun."""
-        return self.is_there and Path(self.port).exists()
+        return self._process is not None and self._process.poll() is None and Path(self.port).exists()
 
-    def plays(self, spec: RigSpec, *, in_space: bool) -> bool:
-        """Return whether it plays such a rig; what is known of its certainty does not count."""
-        return in_space == self.is_in_space and self.spec is not None and spec.model_dump() == self.spec.model_dump()
+    def begin(self, spec: RigSpec, seed: int, *, in_space: bool) -> None:
+        """Begin an emulator that plays a rig, and end the one before. Raises OSError where there can be no process.
 
-    def begin(self, spec: RigSpec, seed: int, *, in_space: bool = False) -> None:
-        """Begin an emulator that plays a rig, whose head bends and sways or only turns; end the one before.
-
-        Its port is there after a while, see `await_ready`. Raises OSError where there can be no process.
+        in_space: whether it plays a head with mass, that bends and sways; a second of it costs thirty times as much.
         """
         self.close()
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self.spec, self.is_in_space = spec, in_space
         for link in self._folder.glob("port*"):
             if link.is_symlink():  # of an emulator that is gone, or goes in some seconds
                 forget_socket(link.readlink())
@@ -98,18 +85,7 @@ class BenchEmulator:
         rig.write_text(dump_rig(spec), encoding="utf-8")
         words = ["emulate", "--link", self.port, "--rig", str(rig), "--seed", str(seed)]
         words += ["--truth", str(self._folder / "truth.json"), "--force", "--json"]
-        self._log.unlink(missing_ok=True)
-        self._process = spawn(self._command(*words, *(["--in-space"] if in_space else [])), self._log)
-
-    def await_ready(self, over: threading.Event) -> None:
-        """Wait until the port is there, unless that is over before. Raises FileError where it does not get ready."""
-        end = time.monotonic() + _READY_S
-        while not self.is_ready and not over.wait(_LOOK_S):
-            if not self.is_there or time.monotonic() >= end:
-                said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
-                words = next(filter(None, reversed(said)), "it says nothing")
-                self.close()
-                raise FileError(f"the emulator does not get ready: {words}; see {self._log}")
+        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._folder / "emulator.log")
 
     def close(self) -> None:
         """End the emulator."""
@@ -186,56 +162,20 @@ class PageProcess:
             return False
 
 
-# One page controls the bench at most, until it gives that up, signs out, or another one takes over.
-
-
-class Controller:
-    """Which page is in control. A page has made its own id, and says it with each command.
-
-    page, session: which it is, None for nobody. since: when it took control [s since 1970].
-    """
-
-    def __init__(self) -> None:
-        self.page: str | None = None
-        self.session: str | None = None
-        self.since = 0.0
-
-    def take(self, page: str, session: str | None, *, is_sure: bool) -> str:
-        """Put a page in control and return a sentence. Raises RefusedError where another one is, and it is not sure."""
-        before = self.page
-        if before == page:
-            return "this page is in control already"
-        if before is not None and not is_sure:
-            raise RefusedError(409, "another page is in control; confirm to take over", taken=True)
-        self.page, self.session, self.since = page, session, time.time()
-        return "this page is in control now" + ("; another page was before" if before else "")
-
-    def require(self, page: str) -> None:
-        """Raise RefusedError where a page is not in control."""
-        if self.page != page:
-            other = "another page is in control; take over first"
-            raise RefusedError(403, "nobody is in control; take control first" if self.page is None else other)
-
-
 # Commands to the bench arrive: an application of a few lines, on a port of its own, beside the page.
 #
 # The page's server draws, streams and computes, and may be busy. Nothing of that happens here: what may block runs in
 # threads, and the emergency stop in one that is kept for it.
 
-PAGE_HEADER = "X-Sinew-Page"
-"""Header in which a page says its id when it asks for the status."""
-
 _Text = Annotated[str, Field(max_length=256 * 1024)]
 
 
 class SteeringCommand(BaseModel):
-    """What a page says. page: its id, which it made itself. confirmed: whether it takes over from another one."""
+    """What a page says, of whoever is signed in: one run at a time takes commands, so pages need no order."""
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    page: Annotated[str, Field(min_length=8, max_length=64)]
-    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop", "shelve"]
-    confirmed: bool = False
+    command: Literal["start", "continue", "pause", "resume", "hold", "release", "stop", "shelve"]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
@@ -257,7 +197,7 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
     """
 
     async def status(request: Request) -> Response:
-        told = steward.status(request.headers.get(PAGE_HEADER))
+        told = steward.status()
         told |= {"signed_in": access.is_signed_in(request), "may_stop": access.may_stop(request)}
         if access.bearer_is_right(request):  # the server of the pages, which lets no ended session in
             told["signed_out"] = sorted(access.signed_out)
@@ -267,10 +207,8 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
         session = access.session(request)
         if session is not None:  # it is over for both servers, and for good
             access.signed_out.add(session)
-            if steward.controller.session == session:
-                steward.controller.page = None
         answer = said(200, "signed out")
-        access.set_cookie(answer, request, "")
+        access.set_cookie(answer, "")
         return answer
 
     async def command(request: Request) -> Response:
@@ -288,7 +226,7 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
             return said(400, "found no JSON object, expected a command")
         try:
             asked = SteeringCommand.model_validate(told)
-            return said(200, await _carry_out(steward, asked, access.session(request)))
+            return said(200, await asyncio.to_thread(_carry_out, steward, asked))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             where = ".".join(map(str, first["loc"])) or "the command"
@@ -301,33 +239,24 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
         Route("/logout", sign_out, methods=["POST"]),
         Route("/status", status, methods=["GET"]),
     ]
-    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=("/command",))
+    gate = Gate(Starlette(routes=routes), access, free=("/command",))
     return CORSMiddleware(
         gate,
         allow_origins=access.origins(),
         allow_credentials=True,
         allow_methods=["GET", "POST"],
-        allow_headers=["Content-Type", "Authorization", PAGE_HEADER],
+        allow_headers=["Content-Type", "Authorization"],
     )
 
 
-async def _carry_out(steward: "Steward", command: SteeringCommand, session: str | None) -> str:
-    controller = steward.controller
-    if command.command == "take":
-        return controller.take(command.page, session, is_sure=command.confirmed)
-    controller.require(command.page)
-    if command.command == "give":
-        controller.page = None
-        return "nobody is in control now"
+def _carry_out(steward: "Steward", command: SteeringCommand) -> str:
     if command.command == "start":
-        return await asyncio.to_thread(steward.start, *command.needed("name", "plan", "rig"))
+        return steward.start(*command.needed("name", "plan", "rig"))
     if command.command == "continue":
-        return await asyncio.to_thread(steward.go_on, *command.needed("name"))
+        return steward.go_on(*command.needed("name"))
     if command.command == "shelve":
-        return await asyncio.to_thread(
-            put_on_shelf, steward.runs, *command.needed("shelf", "name", "text"), replace=command.replace
-        )
-    return await asyncio.to_thread(steward.tell, command.command)
+        return put_on_shelf(steward.runs, *command.needed("shelf", "name", "text"), replace=command.replace)
+    return steward.tell(command.command)
 
 
 _RUN_ENDS_S = 60.0
@@ -345,7 +274,6 @@ class Settings:
     """
 
     access: Access
-    steering_port: int
     runs: Path
     bench: str | None = None
     port: str | None = None
@@ -358,7 +286,7 @@ class Settings:
 
 
 class Steward:
-    """Who holds a bench, its run and the page together, and which page is in control; a context manager.
+    """Who holds a bench, its run and the page together; a context manager.
 
     runs: folder of the runs. hurry: set where the end is not to wait for a run.
     Raises SinewError on entering, before anything has begun, where a port, the folder or the rig is not to be had.
@@ -366,12 +294,12 @@ class Steward:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.controller = Controller()
         self._spec = load_rig(settings.rig)
         self.runs = settings.runs.absolute()
         self._emulator = BenchEmulator(self.runs / BENCH, settings.command) if settings.bench == "emulator" else None
         self._desk = RunDesk(self.runs, settings.control, settings.command)
-        self._emergency = Emergency(settings.control, settings.rest, lambda: self._desk.elsewhere)
+        is_emulated = self._emulator is not None
+        self._emergency = Emergency(settings.control, settings.rest, lambda: self._desk.elsewhere, is_emulated)
         self._page = self._page_process()
         self._ends = ExitStack()
         self.hurry = threading.Event()
@@ -382,7 +310,6 @@ class Steward:
             steering = self._claim(ends)
             if self._emulator is not None:
                 ends.callback(self._emulator.close)
-                self._emulator.begin(self._spec, self.settings.seed)
             ends.callback(self._desk.close)
             self._desk.open()
             self._serve(steering, ends)
@@ -396,11 +323,6 @@ class Steward:
     def __exit__(self, *_: object) -> None:
         self._ends.close()
 
-    def await_bench(self, over: threading.Event) -> None:
-        """Wait until an emulated bench is there, unless that is over before. Raises FileError where it never is."""
-        if self._emulator is not None:
-            self._emulator.await_ready(over)
-
     @property
     def page_state(self) -> str:
         """Whether the page server is up, starting or down."""
@@ -412,25 +334,22 @@ class Steward:
         return self._emulator.port if self._emulator is not None else self.settings.port
 
     @property
-    def _bench_spec(self) -> RigSpec:
-        """The rig of the run under way or the last one, else the one that is emulated or served."""
-        played = self._emulator.spec if self._emulator is not None else None
-        return self._desk.rig or played or self._spec
+    def _motors(self) -> str | None:
+        """The port behind which motors may move; None where there is no bench, or no emulator is there."""
+        return self.settings.port if self._emulator is None else self.port if self._emulator.is_ready else None
 
-    def status(self, asking: str | None) -> dict[str, Any]:
-        """Return what is going on, as seen by the page whose id is `asking`; never blocks."""
+    def status(self) -> dict[str, Any]:
+        """Return what is going on; never blocks."""
         last = self._emergency.last
         if last is not None and last.at < self._desk.newest_s:
             last = None  # a run has begun since, so it is over, whatever became of that run
-        is_there = self._emulator is None or self._emulator.is_there
-        elsewhere, controller = self._desk.elsewhere, self.controller
+        elsewhere = self._desk.elsewhere
         return {
             "time_s": time.time(),
-            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig, "is_there": is_there},
+            "bench": {"kind": self.settings.bench, "port": self.port, "rig": self.settings.rig},
             "run": self._desk.document(),
             "last": self._desk.last,
             "elsewhere": elsewhere and elsewhere.name,
-            "operator": controller.page and {"since": controller.since, "mine": asking == controller.page},
             "page": self._page.state,
             "emergency": last and {**asdict(last), "took_ms": 1e3 * last.took},
             "stopping": self._emergency.is_under_way,
@@ -447,28 +366,21 @@ class Steward:
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun anew where it has ended, where it plays another rig than the run's, or the run needs a
-        head that bends, or no longer does; the run waits for it.
+        An emulated one is begun for the run, which waits for it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
         if self._emergency.is_under_way:
             raise RefusedError(409, "the bench is being brought to rest; wait until it is")
-        emulator = self._emulator
-        if emulator is None:
+        if self._emulator is None:
             return Way(self.port)
-        if emulator.is_there and emulator.plays(specs.rig, in_space=specs.sways):
-            return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
         if specs.sways and specs.rig.space is None:
             raise RefusedError(
                 409,
                 f"the rig {specs.rig.name} has no [space], so its emulated head cannot bend; choose one that has the "
                 "masses of head and lever",
             )
-        try:
-            emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
-        except OSError as trouble:
-            raise RefusedError(409, f"the emulator cannot be begun anew: {trouble.strerror or trouble}") from trouble
+        self._emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
         return Way(self.port, _ANEW_S)
 
     def tell(self, command: str) -> str:
@@ -476,20 +388,17 @@ class Steward:
 
         Raises RefusedError.
         """
-        if command not in ("hold", "release", "stop") or not self._desk.is_idle or self.port is None:
+        if command not in ("hold", "release", "stop") or not self._desk.is_idle or self._motors is None:
             return self._desk.tell(command)
-        state = None if command == "stop" else command
-        outcome = self._emergency.order(None, self.port, self._bench_spec, state, is_emergency=False).end.result()
+        state, spec = None if command == "stop" else command, self._desk.rig or self._spec
+        outcome = self._emergency.order(None, self._motors, spec, state, is_emergency=False).end.result()
         if not outcome.is_safe:
             raise RefusedError(409, outcome.sentence)
         return outcome.sentence
 
     def order_emergency(self) -> Order:
         """Bring the bench to rest at once, from any thread, and return what will tell how that goes."""
-        run = self._desk.alarm()
-        # Of an emulated bench that is being begun anew no motor moves, and there is none to be told anything.
-        is_there = self._emulator is None or self._emulator.is_ready or not self._emulator.is_there
-        return self._emergency.order(run, self.port if is_there else None, self._bench_spec)
+        return self._emergency.order(self._desk.alarm(), self._motors, self._desk.rig or self._spec)
 
     def run_left(self) -> str | None:
         """Return the name of the run under way; None where there is none."""
@@ -500,7 +409,7 @@ class Steward:
         """Return the socket of the steering port; nobody else serves these runs, and the page's port is free."""
         access = self.settings.access
         _listener(access.host, access.port).close()
-        steering = ends.enter_context(_listener(access.host, self.settings.steering_port))
+        steering = ends.enter_context(_listener(access.host, self.settings.access.steering_port))
         try:
             (self.runs / BENCH).mkdir(parents=True, exist_ok=True)
             lock = ends.enter_context((self.runs / BENCH / "steward.lock").open("w"))
@@ -534,9 +443,7 @@ class Steward:
             "key": access.key,
             "http_host": access.host,
             "http_port": access.port,
-            "hosts": access.hosts,
             "own_names": access.own_names,
-            "steering_port": settings.steering_port,
             "runs": str(self.runs),
             "bench": settings.bench,
             "rig": settings.rig,
@@ -574,7 +481,5 @@ def _listener(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         reason = error.strerror or str(error)
-        raise SpecError(
-            f"cannot listen on {host} port {port} ({reason}); choose another with --http or --steering-port"
-        ) from error
+        raise SpecError(f"cannot listen on {host} port {port} ({reason}); choose another with --http") from error
     return listener

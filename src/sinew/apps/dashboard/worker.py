@@ -1,7 +1,7 @@
 """Workers of a page server: for what takes long, or needs JAX, processes of their own.
 
 Each pool is one process with less right to a core than a control loop. `quick` needs no JAX: shelf, lists, what a run
-under way has found. `sketch` has compiled what sliders need. `preview` is for what a start and a save wait for, `heavy`
+under way has found. `sliders` has compiled what those need. `preview` is for what a start and a save wait for, `heavy`
 for predictions of whole plans, `results` for runs that are opened. So none of them waits behind what takes longer. A
 process begins with its first call, ends where nobody asks any more, and with the process that made it.
 """
@@ -46,7 +46,7 @@ class Pool(NamedTuple):
 
 POOLS = {
     "quick": Pool(),
-    "sketch": Pool(600.0),
+    "sliders": Pool(600.0),
     "preview": Pool(is_cut=True),
     "heavy": Pool(is_cut=True),
     "results": Pool(is_cut=True),
@@ -72,8 +72,8 @@ CALLS = {
     **_calls("results", "quick", _SHORT_S, "measured_so_far"),
     **_calls("samples", "quick", _SHORT_S, "samples_about", "samples_piece", "samples_spectrum"),
     **_calls("design", "quick", _SHORT_S, "plan_outline"),
-    **_calls("design", "preview", 2 * _SHORT_S, "preview_document", "design_curves", "rig_text"),
-    **_calls("design", "sketch", 2 * _SHORT_S, "sketch_curves"),
+    **_calls("design", "preview", 2 * _SHORT_S, "preview_document", "rig_text"),
+    **_calls("design", "sliders", 2 * _SHORT_S, "design_curves"),
     **_calls("design", "heavy", _LONG_S, "prediction_for_plan"),
     **_calls("results", "results", _LONG_S, "run_results", "prediction_of_run", "download"),
 }

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps import console
-from sinew.apps.bench.stream import stream_run
 from sinew.apps.console import Json, option
 from sinew.measure.errors import FileError, SchemaError, SpecError
 
@@ -114,6 +113,8 @@ def export(
     if to == "foxglove":
         if out is not None:
             raise SpecError("found --out with --to foxglove, which writes no file; leave it out")
+        from sinew.apps.bench.stream import stream_run
+
         stream_run(source, port, back, until_end=until_end, json=json)
         return
     recording = None if to == "latex" or (to == "csv" and (part or columns)) else _recording(source, to)

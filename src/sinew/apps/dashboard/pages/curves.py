@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from sinew.apps.dashboard.judgement import Verdict
 from sinew.apps.dashboard.pages.frame import part
+from sinew.apps.dashboard.work.results import Verdict
 from sinew.measure.estimate import interval, number, span, typeset
 
 # Of six curves dash alone and marker alone tell them apart, of thirty-six colour with dash.

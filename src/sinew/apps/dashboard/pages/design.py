@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Awaitable, Coroutine, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
@@ -16,8 +16,6 @@ from sinew.apps.dashboard.pages.plan import (
     SHELF_NAME,
     in_words,
     plain_button,
-    recall,
-    remember,
     say,
     steer,
     why_not,
@@ -28,7 +26,6 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 
 _THROTTLE_S = 0.05
-_SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)
 _AWAITED_S = 0.3
 
@@ -92,15 +89,13 @@ class _Sliders:
         self._rig_toml = site.rig_text(name)
         rig = parse_rig(self._rig_toml)
         self._ranges, self._built = _ranges(rig), _sizes(rig)
-        of_rig = "" if name == site.rig else f" {name}"
-        self._kept_as = f"sinew-design{of_rig}"
         self._values = dict(self._built)
         self._found: dict[str, Any] | None = None  # of `design_curves`, as that of the rig as built
         self._as_built: dict[str, Any] | None = None
         self._rows: dict[str, _Row] = {}
+        self._turn = 0
         self._is_awaited = False  # whether a curve of the present joint is computed, and none of it is there
         self._replacing: str | None = None  # what the next saving may take the place of
-        self._turn = 0
 
     def lay_out(self) -> None:
         """Lay out sliders, curves and what is to know of them."""
@@ -118,7 +113,7 @@ class _Sliders:
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
                     )
-                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, needs_operator=True)
+                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, steers=True)
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
                 self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
@@ -176,20 +171,16 @@ class _Sliders:
         number.on_value_change(typed)
 
     async def begin(self) -> None:
-        """Show the joint that was designed here last, else the rig as built, and compute its curves."""
-        self._values = _values_of(await recall(self._kept_as), self._built, self._ranges)
+        """Show the rig as built, and compute its curves."""
         for key in _SIZES:
             self._show_value(key)
+        background_tasks.create(self._await())
         await self._list_rigs()
-        await self._change()
         try:
-            self._as_built = await self._curves_of(self._built, "design_curves")
+            self._as_built = await self._curves_of(self._built)
         except SinewError as trouble:
             say(str(trouble))
-            return
-        if self._found is not None and not self._trouble.is_deleted:
-            self._tell(self._found, self._found["validity"] is not None)
-            self._draw()
+        await self._change()
 
     async def _list_rigs(self) -> None:
         """Offer what is on the shelf of rigs now."""
@@ -244,35 +235,20 @@ class _Sliders:
         row.reset.props("disabled") if is_built else row.reset.props(remove="disabled")
 
     async def _change(self, changed: Sequence[str] = ()) -> None:
-        """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest.
-
-        changed: sliders that have another value than the page shows.
-        """
+        """Show the curves of the joint as it is now. changed: sliders that have another value than the page shows."""
         self._turn += 1
         turn = self._turn
-        sketch = asyncio.ensure_future(self._present_curves("sketch_curves"))
+        under_way = asyncio.ensure_future(self._curves_of(self._values, key=f"design_curves {id(self)}"))
         await asyncio.sleep(0)  # it is under way before the page is laid out for what is asked
         for key in changed:
             self._show_value(key)
-        if changed:
-            remember(self._kept_as, self._values)
         background_tasks.create(self._await())
-        await self._compute(turn, sketch, fine=False)
-        await asyncio.sleep(_SETTLED_S)
-        if turn == self._turn:
-            await self._compute(turn, self._present_curves("design_curves"), fine=True)
-
-    def _present_curves(self, name: str) -> Coroutine[Any, Any, Any]:
-        """Return what to await for the curves of the joint as it is now; of those that wait the newest is run."""
-        return self._curves_of(self._values, name, key=f"{name} {id(self)}")
-
-    async def _compute(self, turn: int, asked: Awaitable[Any], *, fine: bool) -> None:
         try:
-            found = await asked
+            found = await under_way
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
-        if found is None or (fine and turn != self._turn) or self._trouble.is_deleted:
-            return
+        if found is None or self._trouble.is_deleted:
+            return  # another joint was asked for since; of those that wait the newest is computed
         self._is_awaited = False
         self._waiting.set_visibility(False)
         self._grey("trouble" in found)
@@ -280,13 +256,12 @@ class _Sliders:
             background_tasks.create(self._await())
         if "trouble" not in found:
             self._found = found
-        self._tell(found, fine)
+        self._tell(found)
         self._draw()
 
-    async def _curves_of(self, values: Mapping[str, float], name: str, key: str | None = None) -> Any:
+    async def _curves_of(self, values: Mapping[str, float], key: str | None = None) -> Any:
         joint = self._rig_toml, self._changes(values), values["pretension_mm"], values["amplitude_deg"], _BAND_HZ
-        call = self._site.work.call(name, *joint, *([True] if name == "design_curves" else []), key=key)
-        return await unless_left(call, self._client.disconnected())
+        return await unless_left(self._site.work.call("design_curves", *joint, key=key), self._client.disconnected())
 
     def _changes(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what differs from the rig as built, as options of `sinew predict`."""
@@ -297,7 +272,7 @@ class _Sliders:
         """Draw what is known of the joint and of the rig as built; it computes nothing."""
         joints = {"this joint": self._found, "as built": self._as_built}
         self._gain.marks = [(f["frequency_hz"], f["gain"], "fold") for f in (self._found or {"folds": []})["folds"]]
-        for curves, what in ((self._gain, "gain"), (self._phase, "phase_deg")):
+        for curves, what in ((self._gain, "gain"), (self._phase, "phase")):
             curves.draw(
                 [
                     Curve(name, found["frequency_hz"], found[what], (), (), True, found["stable"], number)
@@ -306,18 +281,17 @@ class _Sliders:
                 ]
             )
 
-    def _tell(self, found: dict[str, Any], fine: bool) -> None:
+    def _tell(self, found: dict[str, Any]) -> None:
         trouble = found.get("trouble", "")
-        said = ("",) * len(self._notes) if trouble else _sentences(found, self._as_built, fine)
+        said = ("",) * len(self._notes) if trouble else _sentences(found, self._as_built)
         for label, sentence in zip((self._trouble, *self._notes), (trouble, *said), strict=True):
             label.set_text(sentence)
             label.set_visibility(bool(sentence))
-        if not trouble and found["validity"] is not None:  # of a sketch it is not asked; what is known stays meanwhile
+        if not trouble:
             self._checks.clear()
             with self._checks:
-                for check in found["validity"]:
-                    if not check["holds"]:
-                        ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
+                for sentence in found["warnings"]:
+                    ui.label(f"Mind: {sentence}").classes("sinew-warn")
 
     async def _rig(self) -> tuple[str, str] | None:
         """Return (name of its file, text) of the joint as a rig; None where it cannot be one, which is said."""
@@ -333,7 +307,7 @@ class _Sliders:
         return f"{name.removesuffix('.toml')}.toml", text
 
     async def _put_on_shelf(self) -> None:
-        """Have the operator's browser put the rig on the shelf; over another one only when asked a second time."""
+        """Have the viewer's browser put the rig on the shelf; over another one only when asked a second time."""
         self._saved.set_text("The rig is being saved.")
         self._plan_it.set_visibility(False)
         if (made := await self._rig()) is None:
@@ -374,17 +348,7 @@ def _sizes(rig: RigSpec) -> dict[str, float]:
     }
 
 
-def _values_of(kept: Any, built: Mapping[str, float], ranges: Mapping[str, _Size]) -> dict[str, float]:
-    """Return the sliders' values of what a browser keeps, as far as they can be meant."""
-    values = dict(built)
-    for key, size in ranges.items():
-        number = kept.get(key) if isinstance(kept, dict) else None
-        if isinstance(number, (int, float)) and size.low <= number <= size.high:
-            values[key] = float(number)
-    return values
-
-
-def _sentences(found: dict[str, Any], built: dict[str, Any] | None, fine: bool) -> tuple[str, ...]:
+def _sentences(found: dict[str, Any], built: dict[str, Any] | None) -> tuple[str, ...]:
     """Return what is to be said of a predicted curve: of its peak, its lag of 90°, its damping, its folds and its
     worth; empty where it has none. built: that of the rig as built, from which peak and lag differ."""
 
@@ -396,11 +360,10 @@ def _sentences(found: dict[str, Any], built: dict[str, Any] | None, fine: bool) 
     damping, folds = found["damping"], len(found["folds"])
     many = f"{folds} folds: between them a sweep up and one down differ"
     worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
-    how = f"Refined, to {worth}" if fine else f"A sketch while sliders move, right to {worth}"
     return (
         f"Largest gain {at('peak', 'gain')} at {at('peak', 'frequency_hz')}" if found["peak"] else "",
         f"Lag of 90° behind the lever at {at('phase_90', 'frequency_hz')}" if found["phase_90"] else "",
         f"Lehr's damping by the slope of the lag there: {damping:.3f}" if damping is not None else "",
         many if folds else "No fold: one motion at each frequency",
-        f"{how}; what the parameters leave open is not in it",
+        f"Right to {worth}; what the parameters leave open is not in it",
     )

@@ -16,7 +16,7 @@ from nicegui import app, core, ui
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 
-from sinew.apps.dashboard.access import said
+from sinew.apps.dashboard.access import Access, said
 from sinew.apps.dashboard.hub import Hub, Results
 from sinew.apps.dashboard.work.runs import read_shelf
 from sinew.apps.dashboard.worker import Worker
@@ -32,15 +32,14 @@ class Site:
     """What all pages share.
 
     runs: folder of the runs. rig: name or file of the rig that is offered first. bench: "emulator", "port" or None.
-    steering_port: where the browser sends commands. is_locked: whether even watching needs the token.
+    access: who may come in, and where the browser sends commands.
     results: analysed groups of the run under way, and its prediction, see `sinew.apps.dashboard.hub`.
     """
 
     runs: Path
     rig: str
     bench: str | None
-    steering_port: int
-    is_locked: bool
+    access: Access
     version: str
     hub: Hub
     work: Worker
@@ -82,7 +81,8 @@ def plain_page(site: Site, title: str, name: str, here: str = "") -> str:
 
 
 def _head(site: Site, here: str) -> tuple[str, str, dict[str, Any]]:
-    return site.version, here, {"steering_port": site.steering_port, "locked": site.is_locked, "here": here}
+    config = {"steering_port": site.access.steering_port, "locked": site.access.must_sign_in, "here": here}
+    return site.version, here, config
 
 
 @contextmanager

@@ -1,17 +1,14 @@
 """The live page: joint, oscilloscope, Lissajous figure, curves, bench; and the samples of runs that have ended."""
 
-import sqlite3
 from typing import Annotated, Any
 
 from fastapi import FastAPI, Query
 from fastapi.responses import Response
 from nicegui import ui
-from starlette.concurrency import run_in_threadpool
 
 from sinew.apps.dashboard.access import said
 from sinew.apps.dashboard.folders import is_run_name, unlinked
 from sinew.apps.dashboard.hub import Results
-from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import (
     Site,
@@ -24,8 +21,8 @@ from sinew.apps.dashboard.pages.frame import (
     quantity,
     script,
 )
-from sinew.apps.dashboard.work import samples as reader
-from sinew.apps.dashboard.work.samples import MOST_LEVEL, SHORT_LEVEL, SHORT_S, drawn_rig
+from sinew.apps.dashboard.work.results import misses, tally
+from sinew.apps.dashboard.work.samples import MOST_LEVEL, drawn_rig
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import load_rig
 
@@ -180,20 +177,13 @@ def add_samples_page(app: FastAPI, site: Site) -> None:
         script("sinew-samples", {"name": name})
         ui.add_body_html(f'<script type="module" src="/sinew/samples.js?{site.version}"></script>')
 
-    async def answer(name: str, what: str, *arguments: Any, is_short: bool = True) -> Response:
+    async def answer(name: str, what: str, *arguments: Any) -> Response:
         folder = site.runs / name
         if not is_run_name(name) or not folder.is_dir():
             return said(404, "There is no such run.")
-        live = site.hub.live
-        # Of the run that is followed anyway, what is short is read here, without waiting for a worker.
-        is_near = is_short and live is not None and live.name == name
         try:
-            place = str(unlinked(folder))
-            if is_near:
-                found = await run_in_threadpool(getattr(reader, what), place, *arguments)
-            else:
-                found = await site.work.call(what, place, *arguments)
-        except (SinewError, sqlite3.Error) as trouble:
+            found = await site.work.call(what, str(unlinked(folder)), *arguments)
+        except SinewError as trouble:
             return said(409, str(trouble))
         return Response(found, media_type="application/json", headers={"Cache-Control": "no-store"})
 
@@ -203,8 +193,8 @@ def add_samples_page(app: FastAPI, site: Site) -> None:
 
     @app.get("/samples/{name}/piece")
     async def piece(name: str, level: Level, number: Number) -> Response:
-        return await answer(name, "samples_piece", level, number, is_short=level <= SHORT_LEVEL)
+        return await answer(name, "samples_piece", level, number)
 
     @app.get("/samples/{name}/spectrum")
     async def spectrum(name: str, begin: Seconds, end: Seconds) -> Response:
-        return await answer(name, "samples_spectrum", begin, end, is_short=end - begin <= SHORT_S)
+        return await answer(name, "samples_spectrum", begin, end)

@@ -26,11 +26,9 @@ from sinew.plan.toml import MOST_CHARACTERS, parse_plan
 _TYPING_S = 0.4
 _ANSWER_S = 10.0
 _FIRST_PLAN, _QUICK_PLAN = "first", "quick"
-_BENDS = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
-_ANEW = "The emulated bench is begun anew as this rig, where it plays another: that takes some seconds."
+_BENDS = "The emulated bench begins with a head that bends: that takes half a minute."
 _AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
-_DRAFTS = "sinew-plans"
-_MOST_DRAFTS = 10
+_DRAFT = "sinew-plan"
 _RUN_NAME = "up to 80 letters, digits, dots, dashes and underscores, a letter or digit first"
 SHELF_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
 _FINDINGS = {"refuse": ("Refused", "sinew-bad"), "warn": ("Mind", "sinew-warn"), "note": ("Note", "sinew-soft")}
@@ -59,7 +57,7 @@ class _Desk:
         self._rig = site.rig
         self._plan = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
         self._shelved = ""  # the plan's text as it is on the shelf
-        self._drafts: dict[str, str] = {}  # by plan: texts that differ from the shelf's; the browser keeps them, too
+        self._draft = ("", "")  # plan, and what was changed in it; the browser keeps it, too
         self._replacing: str | None = None  # what the next saving may take the place of
         self._toml: str | None = None  # what was previewed and may start
         self._suggested = ""  # the run's name, until somebody gives it another
@@ -87,7 +85,7 @@ class _Desk:
                 with ui.element("div").classes("sinew-row"):
                     self._name = ui.input("Name on the shelf", validation={SHELF_NAME: _is_file_name})
                     self._name.props("outlined dense for=sinew-plan-name")
-                    self._save = plain_button("Save", "sinew-plan-save", self._keep, needs_operator=True)
+                    self._save = plain_button("Save", "sinew-plan-save", self._keep, steers=True)
                     self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
                     why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
@@ -98,7 +96,8 @@ class _Desk:
 
     async def begin(self) -> None:
         """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
-        self._drafts, chosen, rig = _texts(await recall(_DRAFTS))
+        chosen, rig, draft = await self._kept()
+        self._draft = (chosen or "", draft)
         shelves = await self._site.work.call("shelf", str(self._site.runs))
         if chosen is not None and chosen in {row["name"] for row in shelves["plans"]}:
             self._plan = chosen
@@ -147,7 +146,7 @@ class _Desk:
             self._run.set_value(self._run_name(name))
         self._name.set_value(name.removesuffix(".toml") if _is_own(name) else f"my {name}")
         was = self._text.value
-        self._text.set_value(self._drafts.get(name, text))
+        self._text.set_value(self._draft[1] if self._draft[0] == name and self._draft[1] else text)
         if self._text.value == was:
             await self._edited()
 
@@ -161,17 +160,24 @@ class _Desk:
 
     async def _edited(self) -> None:
         """Keep what was typed, in the browser, and look at it."""
-        self._drafts.pop(self._plan, None)
-        if self._text.value != self._shelved and len(self._text.value) <= MOST_CHARACTERS:
-            self._drafts[self._plan] = self._text.value
-        while len(self._drafts) > _MOST_DRAFTS:
-            del self._drafts[next(iter(self._drafts))]
+        is_changed = self._text.value != self._shelved and len(self._text.value) <= MOST_CHARACTERS
+        if is_changed or self._draft[0] == self._plan:
+            self._draft = (self._plan, self._text.value if is_changed else "")
         self._remember()
         self._tell_state()
         await self._check()
 
     def _remember(self) -> None:
-        remember(_DRAFTS, {"plan": self._plan, "rig": self._rig, "drafts": self._drafts})
+        text = json.dumps(json.dumps({"plan": self._plan, "rig": self._rig, "draft": self._draft[1]}))
+        ui.run_javascript(f"try {{ localStorage.setItem('{_DRAFT}', {text}); }} catch {{ /* storage is off */ }}")
+
+    async def _kept(self) -> tuple[str | None, str | None, str]:
+        """Return plan, rig and draft that this browser keeps; None and none where it keeps nothing."""
+        asked = f"try {{ return localStorage.getItem('{_DRAFT}') }} catch {{ return null }}"
+        with suppress(TimeoutError, ValueError, TypeError, KeyError):
+            kept = json.loads(await ui.run_javascript(asked, timeout=_ANSWER_S))
+            return str(kept["plan"]), str(kept["rig"]), str(kept["draft"])
+        return None, None, ""
 
     def _tell_state(self) -> None:
         is_changed = self._text.value != self._shelved
@@ -283,8 +289,8 @@ class _Desk:
             if pose:
                 bent = f"The head is bent by {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
                 ui.label(f"{bent}; its largest torsion is not foretold.").props("id=sinew-pose")
-            if self._site.bench == "emulator" and (pose or self._rig != self._site.rig):
-                ui.label(_BENDS if pose else _ANEW).classes("sinew-soft")
+            if self._site.bench == "emulator" and pose:
+                ui.label(_BENDS).classes("sinew-soft")
             twists = {row["pretension_mm"]: f"{row['torsion_deg']:.0f}" for row in found["torsion"]}
             rows = [
                 (f"{row['pretension_mm']:g}", f"{row['tension_n']:.1f}", twists.get(row["pretension_mm"], "–"))
@@ -305,7 +311,7 @@ class _Desk:
         self._start.props(f'data-ready={"no" if toml is None else "yes"} data-why="{why}"')
 
     def _ask_to_start(self) -> None:
-        """Have the operator's browser ask the steward: this process steers nothing."""
+        """Have the viewer's browser ask the steward: this process steers nothing."""
         if self._toml is None:
             return
         if not is_run_name(self._run.value):
@@ -320,7 +326,7 @@ class _Desk:
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
 
     async def _keep(self) -> None:
-        """Have the operator's browser put the plan on the shelf; over another one only when asked a second time."""
+        """Have the viewer's browser put the plan on the shelf; over another one only when asked a second time."""
         name, text = self._name.value.strip(), self._text.value
         if not _is_file_name(name):
             say(f"A plan's name on the shelf takes {SHELF_NAME}.")
@@ -332,7 +338,7 @@ class _Desk:
         for label in self._save:
             label.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
-            self._drafts.pop(self._plan, None)
+            self._draft = ("", "")
             self._plan, self._shelved = file, text
             self._remember()
             self._tell_state()
@@ -343,11 +349,11 @@ class _Desk:
                 self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=file)
 
 
-def plain_button(text: str, name: str, act: Any, *, needs_operator: bool = False) -> ui.element:
-    """Return a plain button; steering.js knows whether this page is in control."""
+def plain_button(text: str, name: str, act: Any, *, steers: bool = False) -> ui.element:
+    """Return a plain button. steers: it is for who is signed in, which steering.js knows."""
     made = ui.element("button").props(f"type=button {f'id={name}' if name else ''}").classes("sinew-button")
-    if needs_operator:
-        made.props("data-operator=ready disabled")
+    if steers:
+        made.props("data-steers=ready disabled")
     with made.on("click", act):
         ui.html(html.escape(text), sanitize=False, tag="span")
     return made
@@ -396,32 +402,6 @@ def _groups_in_words(plan: Plan) -> str:
     """Return how many groups of each kind a plan has."""
     counts = Counter(group.kind for group in plan.groups())
     return ", ".join(f"{count} {_GROUPS.get(kind, kind)}{'s' * (count != 1)}" for kind, count in counts.items())
-
-
-def _texts(kept: Any) -> tuple[dict[str, str], str | None, str | None]:
-    """Return (drafts by plan, plan and rig that were chosen last) of what a browser keeps, whatever that is."""
-    try:
-        drafts = {str(name): str(text) for name, text in kept["drafts"].items()}
-        return drafts, str(kept["plan"]), kept.get("rig")
-    except (TypeError, KeyError, AttributeError):
-        return {}, None, None
-
-
-async def recall(name: str) -> Any:
-    """Return what `remember` had this browser keep; None where it keeps nothing."""
-    try:
-        told = await ui.run_javascript(
-            f"try {{ return localStorage.getItem('{name}') }} catch {{ return null }}", timeout=_ANSWER_S
-        )
-        return json.loads(told)
-    except (TimeoutError, ValueError, TypeError):
-        return None
-
-
-def remember(name: str, what: Any) -> None:
-    """Have this browser keep something for the next time, if its storage is on."""
-    text = json.dumps(json.dumps(what))
-    ui.run_javascript(f"try {{ localStorage.setItem('{name}', {text}); }} catch {{ /* storage is off */ }}")
 
 
 # The timeline of a plan: plain HTML of its stages, and the same as a table.

@@ -15,7 +15,6 @@ from sinew.analysis.runs import COMMON, QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.hub import basis_of, numbered
-from sinew.apps.dashboard.judgement import judged, misses, tally
 from sinew.apps.dashboard.pages.curves import Curve, Curves, begun, options_of
 from sinew.apps.dashboard.pages.frame import (
     Site,
@@ -28,6 +27,7 @@ from sinew.apps.dashboard.pages.frame import (
     quantity,
     tabulate,
 )
+from sinew.apps.dashboard.work.results import judged, misses, tally
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
@@ -319,7 +319,7 @@ async def _open(site: Site, names: list[str]) -> None:
         _compared(names[0], compared)
         _numbers(found, [name for name in about if about[name]["has_ring_downs"] is False])
         for name, results in found:
-            _coupling(name, results.get("document") or {})
+            _coupling(name, results.get("coupling", ""))
         for run in about.values():
             with card(f"About {run['name']}", 6):
                 said = f"{run['sentence'].rstrip('.')}. Begun {clock_time(run['started'])}."
@@ -486,31 +486,11 @@ def _numbers(found: list[tuple[str, dict[str, Any]]], undamped: list[str]) -> No
         tabulate(labels, cells, right=("mm", "value"))
 
 
-def _coupling(name: str, document: dict[str, Any]) -> None:
+def _coupling(name: str, html: str) -> None:
     """Show what a bent head did besides twisting, at each frequency; nothing of an upright one."""
-    pose, rows = document.get("pose"), document.get("coupling")
-    if not pose or not rows:
-        return
-    title = f"{name}: coupling at a bend of {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
-    with card(title, 12):
-        cells = [
-            (
-                f"{row['pretension_mm']:g}",
-                f"{row['frequency_hz']:g}",
-                row["channel"].replace("-", " "),
-                quantity(row["amplitude_deg"], "°"),
-                quantity(row["coupling_ratio"], "") if "coupling_ratio" in row else "–",
-                quantity(row["lag_behind_torsion_deg"], "°") if "lag_behind_torsion_deg" in row else "–",
-                quantity(row["second_harmonic_deg"], "°"),
-            )
-            for row in rows
-        ]
-        labels = {"mm": "pretension / mm", "hz": "frequency / Hz", "channel": "motion", "amplitude": "amplitude"}
-        labels |= {"ratio": "over the torsion", "lag": "lag behind it", "second": "at twice the frequency"}
-        tabulate(labels, cells, right=("mm", "hz")).props("data-coupling")
-        ui.label("Means over repeats with 90 % intervals; tilt in and out of the plane of the bend.").classes(
-            "sinew-soft"
-        )
+    if html:
+        with card(f"{name}: coupling", 12):
+            ui.html(html, sanitize=False).props("data-coupling")
 
 
 def _downloads(name: str, *, has_samples: bool) -> None:

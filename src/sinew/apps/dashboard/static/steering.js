@@ -6,7 +6,7 @@ const steering = `${location.protocol}//${location.hostname}:${config.steering_p
 const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, HEARD_MS = 2500;
 const $ = (id) => document.getElementById(id);
 
-let status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null;
+let status = null, reachable = null, lastEscape = -Infinity, stopped = null;
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -32,20 +32,15 @@ async function ask(path, body, more = {}) {
   return { code: answer.status, said };
 }
 
-// A tab has an id of its own, which it keeps from page to page, so that who is in control stays so.
-const letters = (bytes) => [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
-let page = letters(crypto.getRandomValues(new Uint8Array(16)));
-try { page = sessionStorage.getItem("sinew-page") ?? page; sessionStorage.setItem("sinew-page", page); } catch { /* storage is off */ }
-
 async function send(command, more = {}) {
-  const isEmergency = command === "emergency"; // it needs no page, and goes out though this one is left
-  const answer = await ask("/command", isEmergency ? { command } : { page, command, ...more }, isEmergency ? { keepalive: true } : {});
+  const isEmergency = command === "emergency"; // it goes out though this page is left
+  const answer = await ask("/command", { command, ...more }, isEmergency ? { keepalive: true } : {});
   if (answer.code === 401) signIn(isEmergency ? "Sign in to stop the bench from here, or stop it on the computer that serves." : `Sign in to ${words(command)}.`);
   return { ok: answer.code < 300, code: answer.code, ...answer.said };
 }
 
 function words(command) {
-  return { take: "take control", give: "hand over", continue: "go on with a run", shelve: "save" }[command] ?? `${command} a run`;
+  return { continue: "go on with a run", shelve: "save" }[command] ?? `${command} a run`;
 }
 
 async function command(name, more = {}) {
@@ -162,23 +157,11 @@ const voice = element("div", { id: "sinew-voice", role: "status", "aria-live": "
 
 $("sinew-emergency").addEventListener("click", emergency);
 for (const name of ["pause", "resume", "stop", "hold", "release"]) $(`sinew-${name}`).addEventListener("click", () => command(name));
-$("sinew-take").addEventListener("click", () => {
-  if (!status?.signed_in) { signIn("Sign in to take control."); return; }
-  handing = Boolean(status.operator?.mine); // whoever hands over need not be told of it
-  if (status.operator && !handing) takeOver(); else command(handing ? "give" : "take");
-});
+$("sinew-in").addEventListener("click", () => signIn("Sign in to steer the bench."));
 $("sinew-out").addEventListener("click", async () => {
   await ask("/logout", {}).catch(() => null);
   location.reload();
 });
-
-function takeOver() {
-  notice("take", "warn", { title: `Another page is in control since ${at(status.operator.since)}`,
-    lines: ["Perhaps it is another window of yours. A run goes on as it is; that page only watches then."],
-    actions: [["sinew-take-sure", "Take over", () => { notice("take"); command("take", { confirmed: true }); }],
-      ["sinew-take-not", "Leave it", () => notice("take")]] });
-  $("sinew-take-sure").focus();
-}
 
 function clock(seconds) {
   const s = Math.max(0, Math.round(seconds));
@@ -192,21 +175,17 @@ const DOING = { starting: "begins", preparing: "begins", finishing: "writes its 
 const BEGINS = ["starting", "preparing"];
 const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
 
-// Whether the process that plays the bench is gone.
-const hasEnded = () => status?.bench?.is_there === false;
-
 function mayStart() {
   if (reachable === false) return "Steering does not answer.";
   if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
-  if (!status.signed_in) return "Sign in and take control to start.";
-  if (status.operator && !status.operator.mine) return "Another page is in control: take over to start.";
+  if (!status.signed_in) return "Sign in to start.";
   if (status.run ?? status.elsewhere) return `The run ${status.run?.name ?? status.elsewhere} is under way.`;
   if (status.stopping) return "The bench is being brought to rest.";
   return "";
 }
 
 function show() {
-  const run = status?.run, state = run?.state ?? "", mine = Boolean(status?.operator?.mine), last = status?.last;
+  const run = status?.run, state = run?.state ?? "", last = status?.last;
   const bench = status?.bench?.kind;
   let text, how = "";
   if (reachable === false) { text = "Steering does not answer"; how = "bad"; }
@@ -217,22 +196,16 @@ function show() {
   } else if (!bench) text = "No bench";
   else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
   else if (status.elsewhere) { text = `${status.elsewhere} runs in a terminal`; how = "warn"; }
-  else if (hasEnded()) { text = "has ended"; how = "bad"; }
   else if (last && isEarly(last)) { text = `ended early: ${last.name}`; how = "bad"; }
   else text = "at rest";
   const chip = $("sinew-state");
   put(chip, bench && reachable !== false && status ? `${bench === "emulator" ? "Emulated bench" : "Bench"} · ${text}` : text);
   chip.className = `sinew-chip ${how}`; chip.title = chip.textContent;
-  const operator = status?.operator;
-  const who = $("sinew-who");
-  put(who, status !== null && !status.signed_in ? "You only watch" : !operator ? "Nobody is in control" : mine ? "You are in control"
-    : `Another page is in control since ${at(operator.since)}`);
-  const hint = status !== null && !status.signed_in ? "Take control asks for the token." : operator && !mine ? "Perhaps another window of yours: Take over steers from here." : "";
-  who.title = `${who.textContent}. ${hint}`.trim();
-  put($("sinew-take"), mine ? "Give control up" : operator ? "Take over" : "Take control");
-  $("sinew-take").disabled = reachable === false || status === null;
-  $("sinew-out").hidden = !status?.signed_in;
-  const steers = mine && reachable !== false, may = steers && Boolean(run);
+  const isIn = Boolean(status?.signed_in);
+  put($("sinew-who"), status !== null && !isIn ? "You only watch" : "");
+  $("sinew-in").hidden = isIn || status === null;
+  $("sinew-out").hidden = !isIn;
+  const steers = isIn && reachable !== false, may = steers && Boolean(run);
   $("sinew-pause").disabled = !may || state !== "running";
   $("sinew-resume").disabled = !may || !["paused", "pausing"].includes(state);
   $("sinew-stop").disabled = !may || state === "finishing";
@@ -241,16 +214,16 @@ function show() {
   label();
   gate();
   tellLost();
-  tell(run, state, last, mine);
+  tell(run, state, last);
 }
 
-const mayKeep = () => reachable === false ? "Steering does not answer." : !status?.signed_in ? "Sign in and take control first." : !status.operator?.mine ? "Take control first." : "";
+const mayKeep = () => reachable === false ? "Steering does not answer." : !status?.signed_in ? "Sign in first." : "";
 
 // The buttons that start a run, save and delete are the page's; whether this tab may is known here.
 function gate() {
-  for (const button of document.querySelectorAll("button[data-operator]")) {
+  for (const button of document.querySelectorAll("button[data-steers]")) {
     const why = mayKeep();
-    button.disabled = button.dataset.operator !== "ready" || Boolean(why);
+    button.disabled = button.dataset.steers !== "ready" || Boolean(why);
     button.title = why;
   }
   for (const place of document.querySelectorAll(".sinew-why-not")) put(place, mayKeep());
@@ -258,8 +231,7 @@ function gate() {
   if (!start) return;
   const why = mayStart();
   start.disabled = start.dataset.ready !== "yes" || Boolean(why);
-  put(start.querySelector("span"), status?.signed_in && !status.operator ? "Take control and start" : "Start");
-  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? hasEnded() ? "The emulated bench has ended; a start begins it anew." : "" : start.dataset.why || "The plan is looked at."));
+  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : start.dataset.why || "The plan is looked at."));
 }
 
 let seenStop = null; // the emergency stop whose notice was closed in this tab
@@ -269,19 +241,10 @@ function seeStop(when) {
   try { sessionStorage.setItem("sinew-seen-stop", JSON.stringify(when)); } catch { /* storage is off */ }
 }
 
-function tell(run, state, last, mine) {
+function tell(run, state, last) {
   notice("unreachable", reachable === false ? "bad" : null, { title: "The bench cannot be steered from here",
     lines: ["sinew serve does not answer. The stop does not reach the bench: use the switch of the power supply if it must stop."] });
   if (status === null) return;
-  if (wasMine && !mine && !handing) {
-    const when = at(status.operator?.since ?? status.time_s);
-    notice("deposed", "warn", { title: status.operator ? `Another page took control at ${when}` : "This page is not in control any more",
-      lines: ["This page only watches now; take control to steer again."],
-      actions: [["sinew-seen", "Close", () => notice("deposed")]] });
-  }
-  if (mine) notice("deposed");
-  wasMine = mine;
-  if (mine || !status.operator) notice("take");
   const stop = status.emergency, isNew = stop?.was_emergency && !run; // the steward forgets it when a run begins
   if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
   else if (isNew) {
@@ -303,7 +266,7 @@ function tell(run, state, last, mine) {
     const when = `at ${at(last.ended)}`;
     if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [sentence(last.sentence)], actions: open });
     else {
-      const why = mayStart() || (mine ? "" : "Take control to go on with it.");
+      const why = mayStart();
       const resume = [["sinew-go-on", "Go on with this run", () => command("continue", { name: last.name }), !why, why]];
       notice("ended", "bad", { title: last.complete ? `The run ${last.name} is complete, but ended in trouble, ${when}` : `The run ${last.name} ended early, ${when}`,
         lines: [sentence(last.sentence), last.can_resume ? `${done}${asked ? "" : " See that the bench is well."} Go on with the first group that is missing, or leave it at that.`
@@ -319,7 +282,7 @@ async function poll() {
   const turn = asked += 1;
   let code = null, said = null;
   try {
-    ({ code, said } = await ask("/status", undefined, { headers: { "x-sinew-page": page } }));
+    ({ code, said } = await ask("/status"));
   } catch { /* nothing came */ }
   if (turn < newest) return;
   newest = turn;
@@ -358,13 +321,12 @@ if (box) new MutationObserver(watchBox).observe(box, { attributes: true, attribu
 
 window.Sinew = {
   config, command, emergency, signIn, say, notice, clock,
-  // Where nobody is in control it is taken first; from somebody it is taken by its own button alone.
-  start: async (plan, rig, name) => !status?.operator && !(await command("take")).ok ? { ok: false } : command("start", { plan, rig, name }),
+  start: (plan, rig, name) => command("start", { plan, rig, name }),
   status: () => status,
 };
 
 document.body.append(voice, veil, dialog);
-new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready", "data-operator"] });
+new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready", "data-steers"] });
 
 // Signs in by the token of the address, where it has one. The address may come into a tab that shows a page already.
 async function enter() {

@@ -9,11 +9,10 @@ from sinew.measure.errors import SpecError
 from sinew.measure.estimate import all_finite
 
 if TYPE_CHECKING:
+    from sinew.measure.arrays import Array
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
-    from sinew.predict.band import Band
-    from sinew.predict.validity import Check
-    from sinew.solve.branch import Branch, Mark, Prediction
+    from sinew.predict.predicted import BandResult, CurveResult, MarkResult
 
 
 _CHANGES = ("length_mm", "outer_mm", "tendon_circle_mm", "lever_inertia_kg_m2")
@@ -26,39 +25,56 @@ def design_curves(
     pretension_mm: float,
     amplitude_deg: float,
     band_hz: Sequence[float] = (1.0, 6.0),
-    fine: bool = False,
 ) -> dict[str, Any]:
-    """Return the predicted response of a joint that is built or not.
+    """Return the predicted response of a joint that is built or not: a third of a second, once equations are compiled.
 
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
     pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
-    fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
-    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.predicted`).
 
-    Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
-    torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
-    lever), `phase_deg` (lag behind the lever), `torsion_deg`, `stable`. `folds`, `peak`, `phase_90`: each with
-    `frequency_hz`, `gain`, `phase_deg`. `damping`: Lehr's D by the slope of the lag over frequency where it is 90°,
-    D = 1/(f dφ/df), None where it is not passed. `validity`: rows of check, value, limit, holds, sentence; of a sketch
-    None. Further `error_estimate`, `complete`, `message`.
-    Raises SpecError where a number cannot be meant.
+    See `curve_document`; further `damping`: Lehr's D by the slope of the lag over frequency where it is 90°,
+    D = 1/(f dφ/df), None where it is not passed. `warnings`: sentences on what is assumed and does not hold, and on the
+    curve. `error_estimate`, in shares of the curve's height. Raises SpecError where a number cannot be meant.
     """
-    from sinew.apps.joints.options import rig_asked
+    from sinew.predict.predicted import predict
+    from sinew.solve.programs import configure
 
-    made = changed_rig(base_rig(rig), changes)
+    configure()
     low, high = (float(hertz) for hertz in band_hz)
-    rig_asked(repr(float(pretension_mm)), amplitude_deg, "position", None, low, high)
-    prediction, checks = _predicted(made, float(pretension_mm), amplitude_deg, (low, high), fine)
-    branch = prediction.branches[0]
+    made = changed_rig(base_rig(rig), changes)
+    found = predict(made, float(pretension_mm), amplitude_deg=amplitude_deg, band_hz=(low, high))
     return {
-        **curve_document(branch, math.radians(amplitude_deg)),
-        "damping": slope_damping(branch),
-        "error_estimate": prediction.error_estimate,
-        "validity": None if checks is None else [c.to_dict() for c in checks],
+        **curve_document(found.branches[0], amplitude_deg),
+        "damping": slope_damping(found.branches[0]),
+        "error_estimate": found.error_estimate,
+        "warnings": [
+            *(check.sentence for check in found.validity if not check.holds),
+            *(remark.removeprefix("- ") for remark in found.branches[0].remarks()),
+        ],
     }
 
 
-def slope_damping(branch: "Branch") -> float | None:
+def curve_document(curve: "CurveResult", amplitude_deg: float) -> dict[str, Any]:
+    """Return a predicted curve as lists over its points, which go through its folds, with its marks, for JSON.
+
+    `frequency_hz`, `gain` (half of peak to peak of the torsion over the command's amplitude, as the analysis' `gain`),
+    `phase` (lag behind the lever [deg]), `stable`; `folds`, `peak`, `phase_90`: each with `frequency_hz` and `gain`.
+    """
+
+    def mark(one: "MarkResult | None") -> dict[str, float] | None:
+        return None if one is None else {"frequency_hz": one.frequency_hz, "gain": one.amplitude_deg / amplitude_deg}
+
+    return {
+        "frequency_hz": curve.frequency_hz.tolist(),
+        "gain": (curve.amplitude_deg / amplitude_deg).tolist(),
+        "phase": curve.phase_deg.tolist(),
+        "stable": curve.stable.tolist(),
+        "folds": [mark(fold) for fold in curve.folds],
+        "peak": mark(curve.peak),
+        "phase_90": mark(curve.phase_90),
+    }
+
+
+def slope_damping(curve: "CurveResult") -> float | None:
     """Return Lehr's damping of a curve by the slope of its lag at 90°; None where that is not passed.
 
     An oscillator's lag has the slope dφ/df = 1/(D f) there. Where losses or stiffness change with the swing, so does
@@ -66,20 +82,16 @@ def slope_damping(branch: "Branch") -> float | None:
     """
     import numpy as np
 
-    mark = branch.phase_90
+    mark = curve.phase_90
     if mark is None:
         return None
     # The cotangent of an oscillator's lag is all but straight over frequency, and its slope there is that of the lag.
-    near = np.argsort(np.abs(branch.phase - np.pi / 2))[:_NEAR]
-    off = branch.frequency_hz[near] / mark.frequency_hz - 1
+    near = np.argsort(np.abs(curve.phase_deg - 90.0))[:_NEAR]
+    off = curve.frequency_hz[near] / mark.frequency_hz - 1
     if np.ptp(off) == 0:
         return None
-    slope = -np.polyfit(off, 1 / np.tan(branch.phase[near]), min(2, near.size - 1))[-2]
+    slope = -np.polyfit(off, 1 / np.tan(np.radians(curve.phase_deg[near])), min(2, near.size - 1))[-2]
     return 1 / float(slope) if slope > 0 else None
-
-
-sketch_curves = functools.partial(design_curves, fine=False)
-"""The sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
 
 
 def changed_rig(base: "RigSpec", changes: Mapping[str, float | None]) -> "RigSpec":
@@ -118,62 +130,12 @@ def base_rig(rig: str) -> "RigSpec":
     return parse_rig(rig) if "\n" in rig else load_rig(rig)
 
 
-def _predicted(
-    rig: "RigSpec", pretension_mm: float, amplitude_deg: float, band_hz: tuple[float, float], fine: bool
-) -> "tuple[Prediction, list[Check] | None]":
-    """Return (prediction, checks of what is assumed; of a sketch, which is made while a slider moves, None)."""
-    import numpy as np
-
-    from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.predicted import sketch
-    from sinew.predict.validity import check_joint, loads_of
-    from sinew.solve.curves import predict
-    from sinew.solve.programs import configure
-
-    configure()
-    problem = joint_problem(rig, [pretension_mm], amplitude_deg, band_hz)
-    if not fine:
-        return sketch(problem, band_hz), None
-    prediction = predict(problem, band_hz, RESOLUTION)
-    torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
-    return prediction, check_joint(rig, [pretension_mm], loads_of(problem, torsion), tilt_held=True)
-
-
-def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
-    """Return a predicted branch as lists over its points, with its marks; see `design_curves`.
-
-    nominal: amplitude of the command [rad].
-    """
-    import numpy as np
-
-    def mark(one: "Mark | None") -> dict[str, float] | None:
-        if one is None:
-            return None
-        gain, phase = one.amplitude / nominal, math.degrees(one.phase)
-        return {"frequency_hz": one.frequency_hz, "gain": gain, "phase_deg": phase}
-
-    return {
-        "frequency_hz": branch.frequency_hz.tolist(),
-        "gain": (branch.amplitude / nominal).tolist(),
-        "gain_measured_drive": (branch.fundamental / np.abs(branch.drive)).tolist(),
-        "phase_deg": np.degrees(branch.phase).tolist(),
-        "torsion_deg": np.degrees(branch.amplitude).tolist(),
-        "stable": branch.stable.tolist(),
-        "folds": [mark(fold) for fold in branch.folds],
-        "peak": mark(branch.peak),
-        "phase_90": mark(branch.phase_90),
-        "complete": branch.complete,
-        "message": branch.message,
-    }
-
-
 # A plan's curves are foretold, for what is measured to be held against.
 
 _NOT_FORETOLD = (
     "This page holds no prediction beside a head that bends or sways; sinew predict --bend-deg says how it swings."
 )
 _ROOM = 0.4
-_SEED = 0
 
 
 def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[str, Any]:
@@ -183,49 +145,47 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
     draws: rigs drawn from what is known of the rig's parameters, for 90 % bands; 0 for none.
 
-    `curves`: in the plan's order of pretensions `pretension_mm`, and over the curve's points, which go through its
-    folds, `frequency_hz`, `gain` (half of peak to peak over the commanded amplitude, what the analysis calls gain),
-    `gain_measured_drive` (fundamentals, over the lever), `phase` (lag behind the lever [deg]), `stable`; `peak`,
-    `phase_90` and `folds` as of `design_curves`. With bands also `gain_low`, `gain_high`, `phase_low`, `phase_high`:
-    of what a sweep up or one down meets; None where no draw has a curve. `can_have_bands`: whether the rig holds
-    intervals. `amplitude_deg`: of the command. `remarks`: sentences on the bands.
+    `curves`: in the plan's order of pretensions `pretension_mm` and what `curve_document` has; with bands also
+    `gain_low`, `gain_high`, `phase_low`, `phase_high`: of what a sweep up or one down meets; None where no draw has a
+    curve. `can_have_bands`: whether the rig holds intervals. `remarks`: sentences on the bands.
     Raises SpecError where a text is no plan or no rig.
     """
     from sinew.plan.toml import parse_plan, parse_rig
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     if plan.is_spatial:
-        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
-    import numpy as np
-
-    from sinew.predict.band import bands_of, draw_rigs, spread_of
-    from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.solve.curves import predict
+        return {"curves": [], "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
+    from sinew.predict.band import spread_of
+    from sinew.predict.predicted import predict
     from sinew.solve.programs import configure
 
     configure()
-    pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
     amplitude_deg, band_hz = _driven(plan)
-    prediction = predict(joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode), band_hz, RESOLUTION)
-    nominal = math.radians(amplitude_deg)
-    curves = []
-    for pretension, branch in zip(pretensions, prediction.branches, strict=True):
-        curve = curve_document(branch, nominal)
-        curves.append({"pretension_mm": pretension, **curve, "phase": curve.pop("phase_deg")})
-    found: dict[str, Any] = {"curves": curves, "amplitude_deg": amplitude_deg, "remarks": []}
+    can_have, remarks = True, []
     try:
         spread_of(rig)
     except SpecError as nothing_known:
-        return found | {"can_have_bands": False, "remarks": [str(nothing_known)]}
-    if draws > 1:
-        drawn = draw_rigs(rig, draws, _SEED)
-        bands = bands_of(prediction, rig, drawn, pretensions, amplitude_deg, band_hz, mode=mode)
-        for curve, branch, band in zip(curves, prediction.branches, bands, strict=True):
-            for name, place, scale in (("gain", 0, 1 / nominal), ("phase", 1, float(np.degrees(1.0)))):
-                low, high = _ends(branch, band, place)
-                curve[f"{name}_low"], curve[f"{name}_high"] = all_finite(low * scale), all_finite(high * scale)
-        found["remarks"] = list(drawn.remarks)
-    return found | {"can_have_bands": True}
+        can_have, remarks = False, [str(nothing_known)]
+    found = predict(
+        rig,
+        plan.pretension.pretension_mm,
+        amplitude_deg=amplitude_deg,
+        mode=plan.pretension.mode,
+        band_hz=band_hz,
+        bands=draws if draws > 1 and can_have else None,
+    )
+    curves = []
+    for pretension, curve in zip(plan.pretension.pretension_mm, found.branches, strict=True):
+        curves.append({"pretension_mm": pretension, **curve_document(curve, amplitude_deg)})
+    for made, curve, band in zip(curves, found.branches, found.bands or (), strict=False):
+        for name, key, scale in (("gain", "amplitude_deg", 1 / amplitude_deg), ("phase", "phase_deg", 1.0)):
+            low, high = _ends(curve.frequency_hz, band, key)
+            made[f"{name}_low"], made[f"{name}_high"] = all_finite(low * scale), all_finite(high * scale)
+    return {
+        "curves": curves,
+        "can_have_bands": can_have,
+        "remarks": [*remarks, *(found.draws.remarks if found.draws else ())],
+    }
 
 
 def _driven(plan: "Plan") -> tuple[float, tuple[float, float]]:
@@ -243,13 +203,13 @@ def _driven(plan: "Plan") -> tuple[float, tuple[float, float]]:
     return amplitude, (low, high)
 
 
-def _ends(branch: "Branch", band: "Band", place: int) -> Any:
-    """Return the ends of a band at the points of its curve, (2, n); place: 0 amplitude [rad], 1 lag [rad]."""
+def _ends(frequency_hz: "Array", band: "BandResult", key: str) -> "Array":
+    """Return the ends of a band at some frequencies, (2, n). key: amplitude_deg or phase_deg."""
     import numpy as np
 
-    up, down = band.up[place], band.down[place]
+    up, down = band.up[key], band.down[key]
     low, high = np.fmin(up.low, down.low), np.fmax(up.high, down.high)
-    return np.array([np.interp(branch.frequency_hz, band.frequency_hz, end) for end in (low, high)])
+    return np.array([np.interp(frequency_hz, band.frequency_hz, end) for end in (low, high)])
 
 
 # A plan is previewed for its page: its faults and stages at once, and what `sinew check --json` says of it.

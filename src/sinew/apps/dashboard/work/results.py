@@ -2,19 +2,21 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from sinew.analysis.runs import QUANTITIES
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import CACHE, RECORDING, RESULTS, held_inside, name_in, unlinked
 from sinew.bench.record.journal import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
-from sinew.measure.estimate import finite
+from sinew.measure.estimate import finite, number, shown_interval, span, typeset
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,8 +35,8 @@ def run_results(folder: Path | str) -> dict[str, Any]:
 
     `curves` and `damping` as of `LiveResults.update`; `parameters`: rows of `pretension_mm`, `quantity` (as in the
     results), `name` (in words), `estimate` (`{"value", "std", "interval90"}`) and `unit`; `document`: what `sinew
-    analyse --json` says; `notes`: sentences; `source`: of the samples, None where it is not known. A run that is under
-    way gives what its finished groups say.
+    analyse --json` says; `coupling`: of a bent head, as HTML; `notes`: sentences; `source`: of the samples, None where
+    it is not known. A run that is under way gives what its finished groups say.
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
     folder = unlinked(Path(folder))
@@ -156,7 +158,8 @@ def _untold(results: "xr.Dataset") -> str:
 def _document(results: "xr.Dataset") -> dict[str, Any]:
     from sinew.analysis.analysed import recording_result
 
-    document = recording_result(results).to_dict()
+    found = recording_result(results)
+    document = found.to_dict()
     curves = list(_curves(results)) if "gain" in results else []
     notes = [str(results.attrs.get(name, "")) for name in ("resonance_notes", "ring_down_notes")]
     return {
@@ -164,6 +167,7 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
         "damping": _of_torsion(document),
         "parameters": _parameters(document, results),
         "document": document,
+        "coupling": "".join(one._repr_html_() for one in (found.pose, found.coupling) if one),
         "doubts": [one["sentence"] for one in document["doubts"]],
         "notes": [note for note in notes if note],
         "source": results.attrs.get("source"),
@@ -172,7 +176,6 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
 
 def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
     """Yield the response at each pretension, as a run under way has it."""
-    import numpy as np
 
     columns = {str(name): row.values for name, row in results.data_vars.items() if row.dims == results["gain"].dims}
     relative = columns["amplitude_std_rad"] / np.where(columns["amplitude_rad"] > 0, columns["amplitude_rad"], np.nan)
@@ -193,7 +196,6 @@ def _begun_curve(pretension_mm: float) -> dict[str, Any]:
 
 def _add_point(curve: dict[str, Any], frequency_hz: float, table: "dict[str, NDArray[Any]]") -> None:
     """Add the means at a frequency to a curve. table: numbers over the repeats, (1, r), NaN where there is none."""
-    import numpy as np
 
     there = np.isfinite(table["gain"][0])
     delays = table["phase_delay_std_rad"]
@@ -243,7 +245,6 @@ def _of_decays(decays: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 
 def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
     """Yield the paper's stiffness and damping constant, whose repeats alone tell how certain they are."""
-    import numpy as np
 
     for quantity in ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad"):
         if quantity not in results:
@@ -263,6 +264,158 @@ def prediction_of_run(folder: Path | str) -> dict[str, Any]:
     with JournalReader(unlinked(Path(folder)) / JOURNAL) as journal:
         plan, rig = journal.plan_toml, journal.rig_toml
     return {"plan": plan, "rig": rig, "curves": prediction_for_plan(plan, rig)["curves"]}
+
+
+# Measured points are held against a prediction: which of them miss it.
+#
+# The uncertainty that counts is that of the difference, at 90 %: the measured interval's end towards the prediction and
+# the band's edge towards the point, each as a distance from its own middle, added in quadrature. Both leave one honest
+# point in ten outside.
+
+LEAST_SHARE, LEAST_LAG_DEG = 0.10, 10.0
+"""Without a band: how far a gain, as a share of the predicted one, and a lag may be off whatever its own interval."""
+
+_BEYOND = 0.01  # of a frequency: how far outside a predicted curve its end still counts
+_PLAINLY = 10.0  # times its uncertainty: from here on a tenth of it tells nothing
+_FAR = 100.0  # times: so far off that the interval, of few repeats, is to be doubted before the number
+_UNITS = {"gain": "", "phase": "°"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the prediction says of one point.
+
+    predicted: the nearest stable motion at its frequency. low, high: the band there; None without one. off: measured
+    less predicted, in degrees or as the gain itself. half: of the 90 % interval of that difference. misses: whether
+    it is too far off. sentence: by how much, "+12 %, 2.1 of its uncertainty".
+    """
+
+    predicted: float
+    low: float | None
+    high: float | None
+    off: float
+    half: float
+    misses: bool
+    sentence: str
+
+
+def judge(what: str, curve: dict[str, Any], frequency_hz: float, estimate: dict[str, Any]) -> Verdict | None:
+    """Return what a predicted curve says of a measured point; None where one of them leaves it open.
+
+    what: gain or phase. curve: as `sinew.apps.dashboard.hub.Results` has it. estimate: as JSON holds it. With a band a
+    point misses if it is farther off than the uncertainty of the difference; without one it must be off by more than
+    its own interval and by more than `LEAST_SHARE` of the gain or `LEAST_LAG_DEG`.
+    """
+    value, (low, high) = estimate["value"], estimate["interval90"]
+    if value is None or low is None or high is None:
+        return None
+    at = np.clip(frequency_hz, np.min(curve["frequency_hz"]), np.max(curve["frequency_hz"]))
+    motions = _motions(curve, what, at) if abs(at - frequency_hz) <= _BEYOND * frequency_hz else []
+    if not motions:
+        return None
+    offs = [_difference(what, value, motion) for motion in motions]
+    off, predicted = min(zip(offs, motions, strict=True), key=lambda pair: abs(pair[0]))
+    own = value - low if off > 0 else high - value
+    band = _band(curve, what, at)
+    if band is None:
+        allowed = LEAST_SHARE * abs(predicted) if what == "gain" else LEAST_LAG_DEG
+        half = own
+        misses = abs(off) > max(half, allowed)
+    else:
+        edge = _difference(what, band[1], predicted) if off > 0 else -_difference(what, band[0], predicted)
+        half = math.hypot(own, max(0.0, edge))
+        misses = abs(off) > half
+    first, last = band or (None, None)
+    return Verdict(predicted, first, last, off, half, bool(misses), _in_words(what, off, predicted, half))
+
+
+def _motions(curve: dict[str, Any], what: str, at: float) -> list[float]:
+    """Return the stable motions at a frequency, all of them where none is stable; a curve with folds has several."""
+    x, y = np.asarray(curve["frequency_hz"], float), np.asarray(curve[what], float)
+    stable = np.asarray(curve.get("stable") or np.ones(x.size, bool), bool)
+    if x.size == 1:
+        return [float(y[0])]
+    low, high = np.minimum(x[:-1], x[1:]), np.maximum(x[:-1], x[1:])
+    parts = np.flatnonzero((low <= at) & (at <= high))
+    steady = parts[stable[parts] & stable[parts + 1]]
+    found = []
+    for i in steady if steady.size else parts:
+        share = 0.0 if x[i] == x[i + 1] else (at - x[i]) / (x[i + 1] - x[i])
+        found.append(float(y[i] + share * (y[i + 1] - y[i])))
+    return found
+
+
+def _band(curve: dict[str, Any], what: str, at: float) -> tuple[float, float] | None:
+    """Return the ends of the band at a frequency; None where there is none."""
+    ends = [np.array(curve.get(f"{what}_{end}") or [], dtype=float) for end in ("low", "high")]
+    if not all(end.size for end in ends):
+        return None
+    x = np.asarray(curve["frequency_hz"], float)
+    order = np.argsort(x, kind="stable")
+    low, high = (float(np.interp(at, x[order], end[order])) for end in ends)
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None
+
+
+def _difference(what: str, one: float, other: float) -> float:
+    """Return one less the other; of lags the nearer way round, in degrees."""
+    return one - other if what == "gain" else (one - other + 180.0) % 360.0 - 180.0
+
+
+def _in_words(what: str, off: float, predicted: float, half: float) -> str:
+    by = f"{100 * off / abs(predicted):+.0f} %" if what == "gain" and predicted else f"{off:+.0f}{_UNITS[what]}"
+    if not half > 0:
+        return typeset(by)
+    times = abs(off) / half
+    if times > _FAR:
+        return typeset(f"{by}, more than {_FAR:g} times its uncertainty")
+    return typeset(f"{by}, {times:.{0 if times >= _PLAINLY else 1}f} of its uncertainty")
+
+
+# The points of a run, each with what is said of it.
+
+
+def judged(predicted: Sequence[dict[str, Any]], measured: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return measured curves with `gain_verdict` and `phase_verdict`, one `Verdict` or None for each point."""
+    curves = {curve["pretension_mm"]: curve for curve in predicted}
+    made = []
+    for one in measured:
+        curve = curves.get(one["pretension_mm"])
+        points = {what: zip(one["frequency_hz"], one[what], strict=True) for what in _UNITS}
+        verdicts = {
+            f"{what}_verdict": [None if curve is None else judge(what, curve, at, value) for at, value in points[what]]
+            for what in _UNITS
+        }
+        made.append({**one, **verdicts})
+    return made
+
+
+def misses(measured: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a sentence for each point that misses its prediction, the farthest by its uncertainty first."""
+    found = []
+    for one in measured:
+        for what, unit in _UNITS.items():
+            for at, value, verdict in zip(one["frequency_hz"], one[what], one[f"{what}_verdict"], strict=True):
+                if verdict is not None and verdict.misses:
+                    hoped = span(verdict.low, verdict.high, unit) if verdict.low is not None else ""
+                    hoped = hoped or number(verdict.predicted, 3, unit)
+                    name = {"gain": "gain", "phase": "lag"}[what]
+                    place = f"{one['pretension_mm']:g} mm, {at:g} Hz"
+                    said = f"{place}: {name} {shown_interval(value, unit)}, predicted {hoped}: {verdict.sentence}"
+                    found.append((abs(verdict.off) / verdict.half if verdict.half else math.inf, typeset(said)))
+    return [said for _, said in sorted(found, key=lambda row: -row[0])]
+
+
+def tally(measured: Sequence[dict[str, Any]]) -> str:
+    """Return how many points miss, in one sentence; empty where none could be judged."""
+    verdicts = [v for one in measured for what in _UNITS for v in one[f"{what}_verdict"] if v is not None]
+    count = sum(verdict.misses for verdict in verdicts)
+    if not verdicts:
+        return ""
+    if not count:
+        return f"None of {len(verdicts)} judged values misses its prediction."
+    verb = "misses" if count == 1 else "miss"
+    by_chance = " One in ten does by chance." if any(v.low is not None for v in verdicts) else ""
+    return f"{count} of {len(verdicts)} judged values {verb} the prediction.{by_chance}"
 
 
 # A run's files are made for who takes them along.
@@ -417,7 +570,6 @@ class LiveResults:
 
 def _steady(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
     """Return the numbers of a recording of one steady swing; none where it could not be analysed."""
-    import numpy as np
 
     from sinew.analysis.sweep.response import estimate_response
 
@@ -429,7 +581,6 @@ def _steady(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
 
 def _decay(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
     """Return the numbers of a recording of one free decay; none where it could not be analysed."""
-    import numpy as np
 
     from sinew.analysis.decay.ring_down import analyse_ring_downs
 
@@ -442,13 +593,12 @@ def _decay(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
 
 def _table(groups: list[_Group]) -> "dict[str, NDArray[Any]]":
     """Return each number over the repeats, (1, r), NaN where a repeat is not there yet."""
-    import numpy as np
 
     width = max(group.repeat for group in groups) + 1
     table = {name: np.full((1, width), np.nan) for name in groups[0].numbers}
     for group in groups:
-        for name, number in group.numbers.items():
-            table[name][0, group.repeat] = number
+        for name, one in group.numbers.items():
+            table[name][0, group.repeat] = one
     return table
 
 

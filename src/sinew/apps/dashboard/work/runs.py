@@ -262,31 +262,27 @@ def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool =
             f"found {name[:100]!r} for a name, expected up to 80 letters, digits, '.', '_', '-' or spaces, the first a "
             "letter or a digit",
         )
-    folder, made = runs / kind, f".{file}.{secrets.token_hex(4)}"
+    folder = runs / kind
+    made = folder / f".{file}.{secrets.token_hex(4)}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        try:
-            with suppress(FileNotFoundError):
-                os.stat(file, dir_fd=handle, follow_symlinks=False)
-                if not replace:
-                    raise RefusedError(
-                        409,
-                        f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name",
-                        exists=True,
-                    )
-            out = os.open(made, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=handle)
-            with os.fdopen(out, "w", encoding="utf-8") as written:
-                written.write(text)
-                written.flush()
-                os.fsync(written.fileno())
-            os.rename(made, file, src_dir_fd=handle, dst_dir_fd=handle)
-        finally:
-            with suppress(OSError):
-                os.unlink(made, dir_fd=handle)
-            os.close(handle)
+        if folder.is_symlink():
+            raise RefusedError(409, f"cannot write among the {kind}: {folder} is a link; put the folder itself there")
+        if not replace and os.path.lexists(folder / file):
+            raise RefusedError(
+                409,
+                f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name",
+                exists=True,
+            )
+        with made.open("x", encoding="utf-8") as written:
+            written.write(text)
+            written.flush()
+            os.fsync(written.fileno())
+        made.replace(folder / file)  # in the place of a link, not through it
     except OSError as error:
         raise RefusedError(409, f"cannot write among the {kind}: {error.strerror}; see {folder}") from error
+    finally:
+        made.unlink(missing_ok=True)
     return f"{file} is on the shelf of {kind}"
 
 

@@ -8,13 +8,13 @@ another; what was measured then follows a second after what was measured before.
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,14 @@ from numpy.typing import NDArray
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.folders import unlinked
-from sinew.apps.dashboard.judgement import alarm_limits
 from sinew.bench.record.journal import JournalReader, Stretch, is_being_written
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError
-from sinew.measure.events import Contact, Event
+from sinew.measure.events import Contact, Event, Health
 from sinew.plan.plan import STRAIGHT, Pose
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import RigSpec, Tendons
 from sinew.plan.toml import parse_plan, parse_rig
 
 # A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
@@ -379,12 +378,8 @@ PIECE_BINS = 512
 
 FINEST_HZ = 1024.0
 MOST_LEVEL = 20  # bins of 17 minutes
-SHORT_LEVEL, SHORT_S = 6, 32.0
-"""Pieces up to this level, and stretches up to this length [s], are read in some 50 ms of a core."""
-
 _READ_LEVEL = 9  # pieces of 256 s are read sample by sample
 _PART_S, _PART_BIN_S = 128.0, 1.0
-_SPENT_S = 0.4  # on one answer; what is not read by then comes with the next one
 _MOST_PARTS = 2048  # three days
 
 
@@ -392,20 +387,23 @@ Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """Time [s], least and largest values; these in single precision, for a day of them is kept."""
 
 
-@lru_cache(maxsize=2)
-def _parts_of(folder: str, inode: int) -> dict[int, Part]:
-    """Return the parts of a run in bins of a second that are known, by number; a day of them is kept.
+@lru_cache(maxsize=_MOST_PARTS)
+def _part(folder: str, inode: int, number: int) -> Part:
+    """Return a part of a run in bins of a second, which is kept.
 
     inode: of its journal, for a run may be deleted and another take its name.
     """
-    return {}
+    first = number * _PART_S
+    with opened(folder) as journal:
+        thinned = thin(*traces_between(journal, first, first + _PART_S), _PART_BIN_S)
+    return thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
 
 
 def samples_piece(folder: str, level: int, number: int) -> bytes:
     """Return a piece of a run as JSON: what lies in [number, number + 1) · 512 · 2^level/1024 s.
 
     {"time": [s], "low": [[...] for each trace], "high": the same, or null where nothing was thinned, "until_s": of the
-    newest sample, "share": how much of the piece was read, 1 where it is whole}. Raises FileError.
+    newest sample}. Raises FileError.
     """
     level, number = int(np.clip(level, 0, MOST_LEVEL)), max(0, number)
     bin_s = 2**level / FINEST_HZ
@@ -413,13 +411,16 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     with opened(folder) as journal:
         spans = spans_of(journal)
         until = spans[-1].end_s if spans else 0.0
-        share = 1.0
         if level <= _READ_LEVEL:
             time, low = traces_between(journal, begin, end)
             high = low
-        else:
-            parts = _parts_of(folder, (Path(folder) / JOURNAL).stat().st_ino)
-            (time, low, high), share = _put_together(journal, parts, begin, min(end, until + 1.0), until)
+    if level > _READ_LEVEL:
+        inode = (Path(folder) / JOURNAL).stat().st_ino
+        first = int(begin // _PART_S)
+        numbers = range(first, max(first + 1, math.ceil(min(end, until + 1.0) / _PART_S)))
+        # Of the last part more may come: it is read anew each time.
+        read = [(_part if (k + 1) * _PART_S <= until else _part.__wrapped__)(folder, inode, k) for k in numbers]
+        time, low, high = (np.concatenate([part[i] for part in read], axis=-1) for i in range(3))
     thinned = thin(time, low, bin_s)
     upper = thinned.high if high is low else thin(time, high, bin_s).high
     same = thinned.high is thinned.low and high is low
@@ -429,33 +430,8 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
             "low": np.round(thinned.low.astype(float), 3),
             "high": None if same else np.round(upper.astype(float), 3),
             "until_s": round(until, 4),
-            "share": share,
         }
     )
-
-
-def _put_together(
-    journal: JournalReader, parts: dict[int, Part], begin: float, end: float, until: float
-) -> tuple[Part, float]:
-    """Return (time, low, high) of a long piece in bins of a second, and how much of it there was time for."""
-    numbers = range(int(begin // _PART_S), max(int(begin // _PART_S) + 1, math.ceil(end / _PART_S)))
-    began, found, has_read = monotonic(), [], False
-    for number in numbers:
-        if number not in parts:
-            if has_read and monotonic() - began > _SPENT_S:
-                break
-            has_read, first = True, number * _PART_S
-            thinned = thin(*traces_between(journal, first, first + _PART_S), _PART_BIN_S)
-            part = thinned.time, thinned.low.astype(np.float32), thinned.high.astype(np.float32)
-            if first + _PART_S > until:  # more may come to it
-                found.append(part)
-                continue
-            while len(parts) >= _MOST_PARTS:
-                del parts[next(iter(parts))]
-            parts[number] = part
-        found.append(parts[number])
-    time, low, high = (np.concatenate([part[i] for part in found], axis=-1) for i in range(3))
-    return (time, low, high), len(found) / len(numbers)
 
 
 def dumped(document: dict[str, Any]) -> bytes:
@@ -541,3 +517,79 @@ def samples_spectrum(folder: str, begin_s: float, end_s: float) -> bytes:
             "to_s": float(time[-1]),
         }
     )
+
+
+# Alarms: readings of a run under way, and the limits that a rig gives them. Whether one is beyond its limit, and who
+# has seen it, is decided by each page (`static/alarms.js`), for its viewer.
+
+_READINGS_S = 1.0  # how long a reading holds on to its largest value: no frame to a page is later
+_MISSED_S = 60.0
+
+ALARM_SHARE = 0.9
+"""Of a rig's limit, at which its alarm begins unless somebody sets it elsewhere: before the bench stops."""
+
+MISSED_LIMIT = 5
+"""Cycles missed within a minute, beyond which their alarm begins; no rig has a limit for them."""
+
+
+def alarm_limits(rig: RigSpec) -> dict[str, dict[str, float | None]]:
+    """Return where the alarm of each reading begins, `limit`, and what the rig allows, `rig`."""
+    allowed = {"temperature": rig.limits.temperature_c, "tension": rig.limits.tension_n, "tilt": rig.limits.tilt_deg}
+    limits: dict[str, dict[str, float | None]] = {"missed": {"limit": float(MISSED_LIMIT), "rig": None}}
+    for name, most in allowed.items():
+        limits[name] = {"limit": round(ALARM_SHARE * most, 3), "rig": most}
+    return limits
+
+
+class Readings:
+    """What alarms are about: the largest value of each within the last second, so that no peak slips between frames.
+
+    Values are (largest, of which part), by reading: tension [N], tilt [deg] away from the pose, temperature [°C], and
+    cycles missed within the last minute. tendons: of the rig; without them only what a run tells of itself is read.
+    """
+
+    def __init__(self, tendons: Tendons | None = None) -> None:
+        self._tendons = tendons
+        self._peaks: deque[tuple[float, Array, float]] = deque()
+        self._missed: deque[tuple[float, int]] = deque()
+        self._celsius: dict[str, float] = {}
+
+    def take(self, now: float, traces: Mapping[str, Array]) -> None:
+        """Take new samples. now: [s], of any clock. traces: by key, (n,) each, as the oscilloscope has them."""
+        tendons = self._tendons
+        if tendons is None:
+            return
+        currents = [traces[f"tendon_{i + 1}_current"] for i in range(tendons.count)]
+        away = (traces["in_plane"], traces["out_of_plane"]) if "in_plane" in traces else (traces["tilt"],)
+        tension = tendons.tension(np.fmax(0.0, np.fmax.reduce(currents, axis=1)))
+        self._peaks.append((now, tension, float(np.fmax.reduce(np.hypot.reduce(away, axis=0)))))
+        while self._peaks[0][0] < now - _READINGS_S:
+            self._peaks.popleft()
+
+    def take_health(self, now: float, health: Health) -> None:
+        """Take what a run told of itself."""
+        self._celsius = dict(health.temperature_c)
+        if self._missed and health.missed < self._missed[-1][1]:
+            self._missed.clear()  # the run began anew
+        self._missed.append((now, health.missed))
+        while self._missed[0][0] < now - _MISSED_S:
+            self._missed.popleft()
+
+    def document(self) -> dict[str, tuple[float, str]]:
+        """Return the readings that there are."""
+        found: dict[str, tuple[float, str]] = {}
+        if self._peaks:
+            tension = np.fmax.reduce([peak for _, peak, _ in self._peaks], axis=0)
+            if np.isfinite(tension).any():
+                tendon = int(np.nanargmax(tension))
+                found["tension"] = round(float(tension[tendon]), 1), f"tendon {tendon + 1}"
+            tilt = float(np.fmax.reduce([tilt for _, _, tilt in self._peaks]))
+            if math.isfinite(tilt):
+                found["tilt"] = round(tilt, 2), "head plate"
+        known = {name: value for name, value in self._celsius.items() if math.isfinite(value)}
+        if known:
+            hottest = max(known, key=lambda name: known[name])
+            found["temperature"] = known[hottest], hottest
+        if self._missed:
+            found["missed"] = float(self._missed[-1][1] - self._missed[0][1]), "within a minute"
+        return found
