@@ -22,9 +22,8 @@ from tests.unit.dialects import (
 )
 
 from sinew.measure.errors import SinewError
-from sinew.measure.files.csv import read_table
-from sinew.measure.files.runs import notes_of
-from sinew.measure.read import look, read
+from sinew.measure.files.text import notes_of
+from sinew.measure.read import look, read, read_table
 from sinew.measure.units import canonical_unit
 
 ALL = [pytest.param(one, id=one.name) for one in DIALECTS]

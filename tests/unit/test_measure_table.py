@@ -6,7 +6,8 @@ import pytest
 from tests.tables import rows
 
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.files.csv import find_columns, numbers, read_table
+from sinew.measure.files.names import find_columns
+from sinew.measure.read import numbers, read_table
 
 
 def table_file(folder: Path, text: str | bytes, name: str = "t.csv") -> Path:

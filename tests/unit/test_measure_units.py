@@ -6,16 +6,8 @@ import time
 import pytest
 
 from sinew.measure.errors import UnitError
-from sinew.measure.units import (
-    canonical_unit,
-    convert,
-    local_time,
-    number_list,
-    one_number,
-    unit_in_name,
-    unit_suffix,
-    with_unit,
-)
+from sinew.measure.files.names import unit_in_name, unit_suffix
+from sinew.measure.units import canonical_unit, convert, local_time, number_list, one_number, with_unit
 
 DEGREE = math.pi / 180
 

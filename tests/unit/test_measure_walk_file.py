@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tests.experiments.walker import Walker, phase_of, sensor_columns, yaw_of
 
 from sinew.measure.errors import FileError, RecordingError, SpecError, TimeError
-from sinew.measure.files.csv import Imu, MarkerPair, WalkColumns, read_walk
+from sinew.measure.files.walk import Imu, MarkerPair, WalkColumns, read_walk
 from sinew.tune.gait import body_motion, estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]

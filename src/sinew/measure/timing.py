@@ -1,8 +1,9 @@
-"""Time stamps of a foreign recording, judged and, where that is right, put straight.
+"""Which rows of a foreign recording are no measurement, and what its time stamps are worth.
 
-Honest stamps are kept, jittering or irregular as they may be. Stamps that a busy host gave late to regular samples
-(see `has_clock`) are replaced by the straight line through them. Gaps are refused, split, or bridged: then they stay
-where they are, for a fit that needs no samples there.
+Rows over again or out of order, a clock set back or standing still, single failed reads, turns of an angle or a
+counter are mended where the neighbours decide it, with one note each. Honest stamps stay, jittering or irregular as
+they may be. Stamps that a busy host gave late to regular samples (see `has_clock`) are replaced by the straight line
+through them. Gaps are refused, split, or bridged: then they stay where they are, for a fit that needs no samples there.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import TimeError
+from sinew.measure.files.names import says
 
 Gaps: TypeAlias = Literal["refuse", "split", "bridge"]
 Rows: TypeAlias = "int | NDArray[np.int64]"
@@ -230,6 +232,27 @@ class Timeline:
         return len(self.notes) > 1
 
 
+def _clock_of(stamps: Array) -> tuple[bool, bool, list[Gap], float, bool]:
+    """Return (whether there is a regular clock, whether it comes in bursts, gaps, step [s], whether repeats are wrong).
+
+    Samples that were honestly stamped never share a stamp, so repeats are late stamps or rows written twice.
+    """
+    steps = np.diff(stamps)
+    repeated = int((steps == 0).sum())
+    even, step = is_even(stamps, steps)
+    clock = even or has_clock(stamps, steps) or repeated > 0.02 * stamps.size
+    bursts = False
+    gaps: list[Gap] = []
+    if clock:
+        gaps, bursts, step = gaps_of_clock(stamps, steps, step, even)
+        clock = follows_line(stamps, gaps, step)
+    if not clock:
+        gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
+    twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
+    doubtful = bool(repeated and (twice or (not clock and not _are_rounded(steps))))
+    return clock, bursts, gaps, step, doubtful
+
+
 def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     """Return what a record's time stamps are like.
 
@@ -240,19 +263,13 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     _refuse_nonsense(stamps, rows)
     steps = np.diff(stamps)
     repeated = int((steps == 0).sum())
-    even, step = is_even(stamps, steps)
-    # Samples that were honestly stamped never share a stamp, so repeats are late stamps or rows written twice.
-    clock = even or has_clock(stamps, steps) or repeated > 0.02 * stamps.size
-    bursts = False
-    gaps: list[Gap] = []
-    if clock:
-        gaps, bursts, step = gaps_of_clock(stamps, steps, step, even)
-        clock = follows_line(stamps, gaps, step)
-    if not clock:
-        gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
-    written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
-    if repeated and (written_twice or (not clock and not _are_rounded(steps))):
-        raise TimeError(_repeat_refusal(stamps, steps, rows))
+    clock, bursts, gaps, step, doubtful = _clock_of(stamps)
+    if doubtful:
+        at = int(np.argmax(steps == 0))
+        raise TimeError(
+            f"data rows {_row_of(rows, at)} and {_row_of(rows, at + 1)} have the same time stamp {stamps[at]:.6g} s "
+            "and no regular clock shows which is right; remove the repeated rows or export the time with more digits"
+        )
     jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
     pattern: Pattern = "irregular"
     if clock:
@@ -345,7 +362,13 @@ def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
         raise TimeError(
             f"time stamp in data row {_row_of(rows, int(bad[0]))} is not a number; fill it in or remove the row"
         )
-    refuse_backwards(stamps, rows=rows)
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    if back.size:
+        i = int(back[0])
+        raise TimeError(
+            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
+            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
+        )
     if stamps[-1] == stamps[0]:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
@@ -363,46 +386,6 @@ def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of:
         first, last = np.nanmin(time), np.nanmax(time)
         raise TimeError(f"no samples from {low:g} s to {high:g} s; the {of} runs from {first:g} s to {last:g} s")
     return np.asarray(inside)
-
-
-def refuse_backwards(stamps: Array, *, rows: Rows = 1) -> None:
-    """Raise TimeError, naming the data row, where time goes backwards."""
-    back = np.flatnonzero(np.diff(stamps) < 0)
-    if back.size:
-        i = int(back[0])
-        raise TimeError(
-            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
-            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
-        )
-
-
-def _repeat_refusal(stamps: Array, steps: Array, rows: Rows) -> str:
-    """Return what to say of stamps that equal the one before, without a clock that could say which is which.
-
-    Where the clock is regular once the repeats are out, they are rows written twice or stamped wrongly.
-    """
-    repeats = np.flatnonzero(steps == 0) + 1
-    at = int(repeats[0])
-    row = _row_of(rows, at)
-    found = f"data rows {_row_of(rows, at - 1)} and {row} have the same time stamp {stamps[at]:.6g} s"
-    kept = np.delete(stamps, repeats)
-    if kept.size >= FEWEST_SAMPLES:
-        even, step = is_even(kept, np.diff(kept))
-        gaps, _, step = gaps_of_clock(kept, np.diff(kept), step, even)
-        if even and not gaps and off_line(kept, gaps, step).std() < 0.3 * step:
-            step = float(np.median(np.diff(kept)))
-            more = f" (and {_counted(repeats.size - 1, 'more repeated row')})" if repeats.size > 1 else ""
-            missed = at < steps.size and steps[at] > 1.5 * step
-            cause = (
-                f"row {row} should read {stamps[at] + step:.6g} s; correct its stamp or drop the row"
-                if missed
-                else f"row {row} was written twice; drop it"
-            )
-            return f"{found} in an otherwise regular clock of {_time(step)}: data {cause}{more}"
-    return (
-        f"{found} and no regular clock shows which is right; remove the repeated rows or export the time with "
-        "more digits"
-    )
 
 
 def _sentence(
@@ -437,3 +420,182 @@ def _counted(number: int, noun: str) -> str:
 def _time(seconds: float) -> str:
     """Return a duration for people, in ms below a second."""
     return f"{seconds * 1e3:.4g} ms" if seconds < 1 else f"{seconds:.4g} s"
+
+
+# What is no measurement: rows by their stamps, then samples by their neighbours.
+
+_MOST_MENDS = 50
+"""Times that go backwards, in one record: more are no accidents, and the first is named."""
+_STILL = 8  # rows with one stamp at the end, and four times as many as anywhere before: the clock stands
+_COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+
+
+def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+    """Return (places of the rows to take in their order, their stamps [s], notes on what was done).
+
+    stamps: finite, as logged [s], shape (n,). rows: their data rows. A row from before is left out, one out of its
+    order put back; where a clock was set back, what follows is moved on; of rows with one stamp in a regular clock the
+    second is left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What
+    the neighbours do not decide stays, and `diagnose_times` names it.
+    """
+    places, time, notes = np.arange(stamps.size), np.array(stamps, dtype=float), []
+    rises = np.diff(time)
+    usual = float(np.median(rises[rises > 0])) if (rises > 0).any() else 0.0
+    for _ in range(_MOST_MENDS):
+        back = np.flatnonzero(np.diff(time) < 0)
+        if not back.size:
+            break
+        at = int(back[0]) + 1
+        row, high = int(rows[places[at]]), time[at - 1]
+        ahead = np.flatnonzero(time[at:] > high)
+        count = int(ahead[0]) if ahead.size else time.size - at
+        behind = time[at : at + count]
+        leap = time[at + count] - behind[-1] if ahead.size else np.inf
+        more = f" and {count - 1} rows below it" if count > 1 else ""
+        if count == 1 or (ahead.size and leap > 1.5 * usual and leap < np.inf):
+            earlier = time[:at]
+            apart = [float(np.abs(earlier - one).min()) for one in behind]
+            if min(apart) > 0.5 * usual and behind[0] > time[0]:
+                notes.append(f"data row {row}{more} stood after a later one ({high:.6g} s): put back in order of time")
+                order = np.r_[np.argsort(time[: at + count], kind="stable"), at + count : time.size]
+                time, places = time[order], places[order]
+                continue
+            twin = int(rows[places[int(np.argmin(np.abs(earlier - behind[0])))]])
+            notes.append(
+                f"data row {row}{more} goes back to {behind[0]:.6g} s after {high:.6g} s: row {twin} over again or a "
+                f"wrong stamp, where {high + usual:.6g} s belongs; left out"
+            )
+            time, places = np.delete(time, np.s_[at : at + count]), np.delete(places, np.s_[at : at + count])
+        elif count > 1 and 0.5 * usual < float(np.median(np.diff(behind))) < 2 * usual and (np.diff(behind) >= 0).all():
+            notes.append(
+                f"the clock was set back by {high - time[at]:.6g} s at data row {row}: what follows is moved on, one "
+                f"step of {_time(usual)} behind the row before"
+            )
+            time[at:] += high + usual - time[at]
+        else:
+            break
+    for mend in (_still, _repeated):
+        if time.size > FEWEST_SAMPLES and bool((np.diff(time) >= 0).all()):
+            taken, time, said = mend(time, rows[places])
+            places, notes = places[taken], [*notes, *said]
+    return places, time, notes
+
+
+def _still(time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+    """Leave out what stands behind the last tick of a clock that stopped."""
+    ticks = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0]))
+    rest = time.size - 1 - int(ticks[-1])
+    if ticks.size < 2 or rest < max(_STILL, 4 * int(np.diff(ticks).max())):
+        return np.arange(time.size), time, []
+    end = int(ticks[-1]) + 1
+    note = f"the clock stands still from data row {rows[end - 1]} on: {_counted(rest, 'row')} left out"
+    return np.arange(end), time[:end], [note]
+
+
+def _repeated(time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+    """Leave out rows written twice in a regular clock; a stamp copied from the row before gets its own time."""
+    repeats = np.flatnonzero(np.diff(time) == 0) + 1
+    rest = np.delete(time, repeats)
+    same = np.arange(time.size)
+    if not repeats.size or rest.size < FEWEST_SAMPLES or not _clock_of(time)[-1]:
+        return same, time, []
+    even, step = is_even(rest, np.diff(rest))
+    gaps, _, step = gaps_of_clock(rest, np.diff(rest), step, even)
+    if not even or off_line(rest, gaps, step).std() >= 0.3 * step:
+        return same, time, []
+    step = float(np.median(np.diff(rest)))
+    time, steps = time.copy(), np.diff(time, append=np.inf)
+    missed = [int(k) for k in repeats if 1.5 * step < steps[k] < np.inf]
+    twice = [int(k) for k in repeats if int(k) not in missed]
+    notes = []
+    if missed:
+        time[missed] += step
+        notes.append(
+            f"data row {rows[missed[0]]} has the stamp of the row before and gets {time[missed[0]]:.6g} s, by the "
+            f"regular clock of {_time(step)}{_more(missed)}"
+        )
+    if twice:
+        notes.append(
+            f"data row {rows[twice[0]]} was written twice (by the regular clock of {_time(step)}) and is left out"
+            f"{_more(twice)}"
+        )
+    return np.delete(same, twice), np.delete(time, twice), notes
+
+
+def _more(mended: Sequence[int]) -> str:
+    return f"; so {_counted(len(mended) - 1, 'more row')}" if len(mended) > 1 else ""
+
+
+def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) -> tuple[Array, list[str]]:
+    """Return a response without failed reads (NaN in their place) and without turns, and notes on what was done.
+
+    values: finite, in `unit` (SI), shape (n,). name: of its column: an angle turns by its unit or its name, a counter
+    by its whole numbers.
+    """
+    notes = []
+    if (failed := _failed_reads(values)).any():
+        first = int(np.argmax(failed))
+        notes.append(
+            f"{failed.sum()} samples of {name!r} stand alone at {values[first]:.6g}, far from both neighbours, the "
+            f"first in data row {rows[first]}: failed reads, left out"
+        )
+        values = np.where(failed, np.nan, values)
+    good = np.isfinite(values)
+    whole, turn = _whole_turns(values[good], _periods(name, values[good], unit))
+    if turn:
+        first = int(np.argmax(np.abs(np.diff(values[good])) > 0.5 * turn))
+        values = values.copy()
+        values[good] = whole
+        size = "a whole turn" if unit == "rad" else f"{turn:g}"
+        at = rows[good][first + 1]
+        notes.append(f"{name!r} jumps by {size} between neighbours, first in data row {at}: turns, unwrapped")
+    return values, notes
+
+
+def _failed_reads(values: Array) -> Mask:
+    """Return which samples are a driver's word for a failed read: one value, alone again and again, out of range."""
+    steps = np.abs(np.diff(values))
+    none = np.zeros(values.size, dtype=bool)
+    if values.size < FEWEST_SAMPLES or not (usual := float(np.quantile(steps, 0.9))):
+        return none
+    off = np.minimum(np.r_[np.inf, steps], np.r_[steps, np.inf])
+    far = np.isfinite(off) & (off > 8 * usual)
+    if not far.any() or far.all():
+        return none
+    levels, counts = np.unique(np.round(values[far], 9), return_counts=True)
+    level = float(levels[np.argmax(counts)])
+    low, high = np.quantile(values[~far], [0.02, 0.98])
+    inside = low - 0.5 * (high - low) < level < high + 0.5 * (high - low)
+    return none if counts.max() < 3 or inside else far & (np.abs(values - level) < 1e-8)
+
+
+def _periods(name: str, values: Array, unit: str) -> tuple[float, ...]:
+    """Return by how much a column may jump at a turn, in its unit."""
+    if unit == "rad":
+        return (2 * np.pi,)
+    if unit != "1":
+        return ()
+    if bool((values == np.rint(values)).all()):
+        return (360.0, *_COUNTERS) if says(name, "angle") else _COUNTERS
+    return (360.0, 2 * np.pi) if says(name, "angle") else ()
+
+
+def _whole_turns(values: Array, turns: Sequence[float]) -> tuple[Array, float]:
+    """Return values without their jumps by a turn, and the turn; 0 where they make none.
+
+    They fill more than half a turn and no more than one, jump by more than half of it now and then, and move by less
+    than a third of it else. Jumps there and back at once are no turns.
+    """
+    steps = np.diff(values)
+    if steps.size < FEWEST_SAMPLES:
+        return values, 0.0
+    span, usual = float(np.ptp(values)), float(np.quantile(np.abs(steps), 0.9))
+    for turn in turns:
+        jumps = np.abs(steps) > 0.5 * turn
+        if not (0 < jumps.mean() < 0.25 and 0.5 * turn < span <= 1.001 * turn and usual < 0.3 * turn):
+            continue
+        back = jumps[:-1] & jumps[1:] & (np.sign(steps[:-1]) != np.sign(steps[1:]))
+        whole = np.unwrap(values, period=turn)
+        if 2 * back.sum() <= 0.8 * jumps.sum() and np.quantile(np.abs(np.diff(whole)), 0.999) < 0.5 * turn:
+            return np.asarray(whole), turn
+    return values, 0.0

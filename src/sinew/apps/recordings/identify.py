@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.stepped.points import ResponsePoints
-    from sinew.measure.files.csv import Table as CsvTable
+    from sinew.measure.files.names import Table as CsvTable
     from sinew.measure.tasks import Spread
 
     Array = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -357,7 +357,7 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
-    from sinew.measure.files.csv import read_stretch
+    from sinew.measure.read import read_stretch
 
     if asked.excitation is None and asked.input_ is not None:
         raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
@@ -429,8 +429,9 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
     """Return a column, or the mean of several, in SI, the SI unit, and the unit that it came in."""
     import numpy as np
 
-    from sinew.measure.files.csv import find_columns, numbers
-    from sinew.measure.units import canonical_unit, unit_in_name
+    from sinew.measure.files.names import find_columns, unit_in_name
+    from sinew.measure.read import numbers
+    from sinew.measure.units import canonical_unit
 
     names, stated = find_columns(table, spec)
     said = stated or unit_in_name(names[0]) or "1"
@@ -441,7 +442,8 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
 def _table_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
     """Return the points in a table of steady states."""
     from sinew.identify.stepped.points import points_of_table
-    from sinew.measure.files.csv import find_columns, numbers, read_table
+    from sinew.measure.files.names import find_columns
+    from sinew.measure.read import numbers, read_table
 
     if asked.input_ is None or asked.output is None:
         missing = "--output COL" if asked.output is None else "--input COL"

@@ -14,9 +14,10 @@ from scipy.optimize import least_squares
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError, UnitError
 from sinew.measure.estimate import Estimate
-from sinew.measure.files.csv import find_columns, numbers, read_table
+from sinew.measure.files.names import find_columns, unit_in_name
+from sinew.measure.read import numbers, read_table
 from sinew.measure.result import Field, Result
-from sinew.measure.units import convert, unit_in_name
+from sinew.measure.units import convert
 
 
 @dataclass(frozen=True, repr=False)
