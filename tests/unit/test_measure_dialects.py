@@ -181,10 +181,13 @@ def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) ->
         (b"SQLite format 3\0" + bytes(99), "ros2 bag convert"),
         (b"#ROSBAG V2.0\n" + bytes(99), "mcap convert"),
         (b"CDF\x01" + bytes(99), "export it as CSV"),
-        (b"PAR1" + bytes(99), "a Parquet file, and cannot be read"),
-        (b"TDSm" + bytes(99), "TDMS, a file of LabVIEW, and cannot be read"),
-        (b"\x89MCAP0\r\n" + bytes(99), r"MCAP file \(rosbag2\), and cannot be read"),
-        (b"MATLAB 5.0 MAT-file" + bytes(300), "MATLAB, and cannot be read"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
+        (b'{"entries": [{"t": 0.0, "x"', "begins as JSON but cannot be read, it is cut short"),
+        (b'{"mass": 0.5}', "JSON without a list of samples"),
+        (b"PAR1" + bytes(99), "begins as a Parquet file but cannot be read, it is cut short"),
+        (b"TDSm" + bytes(99), "begins as TDMS, a file of LabVIEW but cannot be read"),
+        (b"\x89MCAP0\r\n" + bytes(99), r"MCAP file \(rosbag2\) but cannot be read"),
+        (b"MATLAB 5.0 MAT-file" + bytes(300), "MATLAB but cannot be read"),
     ],
 )
 def test_a_damaged_or_foreign_file_is_refused_by_its_kind(tmp_path: Path, head: bytes, said: str) -> None:

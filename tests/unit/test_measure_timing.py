@@ -1,13 +1,16 @@
 """Time stamps as loggers leave them: what is kept, straightened, split and refused."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from sinew.measure.errors import TimeError
-from sinew.measure.timing import diagnose_times, straighten_times
+from sinew.measure.timing import diagnose_times, mend_stamps, mend_values, straighten_times
 
 EVEN = np.arange(1000) * 0.01
+SWAPPED = np.r_[:300, 301, 300, 302:1000]
 
 
 def through_a_serial_buffer(true: NDArray[np.float64], period: float, quick: float) -> NDArray[np.float64]:
@@ -136,14 +139,78 @@ def test_a_gap_stands_out_from_irregular_stamps() -> None:
     assert [gap.after for gap in diagnose_times(np.cumsum(steps)).gaps] == [499]
 
 
-def test_a_row_written_twice_in_a_regular_clock_is_called_that() -> None:
-    with pytest.raises(TimeError, match=r"data rows 501 and 502 .* 5 s .*regular clock of 10 ms.* row 502 .*twice"):
-        diagnose_times(np.insert(EVEN, 500, EVEN[500]))
+MENDS = {  # stamps, places that stay, their times, the note
+    "over again": (np.insert(EVEN, 500, EVEN[498]), np.delete(np.arange(1001), 500), EVEN, r"row 501 .* row 499 over"),
+    "written twice": (np.insert(EVEN, 500, EVEN[499]), np.delete(np.arange(1001), 500), EVEN, r"row 501 .*twice"),
+    "copied": (np.where(np.arange(1000) == 501, EVEN[500], EVEN), np.arange(1000), EVEN, r"row 502 .*gets 5\.01 s"),
+    "swapped": (EVEN[SWAPPED], SWAPPED, EVEN, r"row 302 stood after a later one"),
+    "set back": (EVEN - 3.0 * (np.arange(1000) >= 700), np.arange(1000), EVEN, r"set back by 3 s at data row 701"),
+    "stands still": (np.r_[EVEN, np.full(50, 9.99)], np.arange(1000), EVEN, r"still from data row 1000 on: 50 rows"),
+}
 
 
-def test_a_stamp_copied_from_the_row_before_is_told_what_it_should_read() -> None:
-    with pytest.raises(TimeError, match=r"row 502 .*read 5\.01 s"):
-        diagnose_times(np.where(np.arange(1000) == 501, EVEN[500], EVEN))
+@pytest.mark.parametrize(("stamps", "places", "times", "said"), MENDS.values(), ids=MENDS)
+def test_rows_that_are_no_measurement_are_mended_by_their_neighbours_with_one_note(
+    stamps: NDArray[np.float64], places: NDArray[np.int64], times: NDArray[np.float64], said: str
+) -> None:
+    taken, time, notes = mend_stamps(stamps, np.arange(stamps.size) + 1)
+    assert taken.tolist() == places.tolist()
+    assert time == pytest.approx(times)
+    assert len(notes) == 1
+    assert re.search(said, notes[0])
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [np.r_[EVEN, 9.99 - 0.001 * np.arange(1, 300)], np.r_[EVEN, 9.1 + 0.001 * np.arange(300)]],
+    ids=["runs backwards", "counts its digits anew"],
+)
+def test_a_time_that_its_neighbours_do_not_decide_stays_and_is_refused(stamps: NDArray[np.float64]) -> None:
+    _, time, _ = mend_stamps(stamps, np.arange(stamps.size) + 1)
+    with pytest.raises(TimeError, match="backwards at data row 1001"):
+        diagnose_times(time)
+
+
+T = np.arange(1200) / 100
+TURNING = 20 * np.exp(-0.3 * T) * np.cos(2 * np.pi * 3 * T)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "true", "turn"),
+    [
+        ("heading_deg", "rad", np.radians(3 * TURNING), 2 * np.pi),
+        ("yaw", "1", 3 * TURNING + 350.5, 360.0),
+        ("present_position", "1", np.rint(30 * TURNING) + 4090, 4096.0),
+        ("ticks", "1", np.rint(5 * TURNING) + 1020, 1024.0),
+    ],
+)
+def test_turns_of_an_angle_or_a_counter_are_made_whole(
+    name: str, unit: str, true: NDArray[np.float64], turn: float
+) -> None:
+    mended, (note,) = mend_values(name, true % turn, unit, np.arange(T.size))
+    assert np.ptp(mended - true) < 1e-9
+    assert "turns, unwrapped" in note
+
+
+@pytest.mark.parametrize(("word", "rows"), [(-999.0, [100, 300, 700]), (85.0, [5, 50, 400])])
+def test_samples_that_stand_alone_at_one_word_of_the_driver_are_left_out(word: float, rows: list[int]) -> None:
+    alone = [row for row in rows if row != 6]
+    mended, (note,) = mend_values(
+        "x", np.where(np.isin(np.arange(1200), alone), word, TURNING), "m", np.arange(1, 1201)
+    )
+    assert np.flatnonzero(np.isnan(mended)).tolist() == rows
+    assert f"{len(rows)} samples of 'x' stand alone at {word:g}" in note
+
+
+@pytest.mark.parametrize(
+    "values",
+    [TURNING, 700 * TURNING, np.round(TURNING), np.where(T % 3 < 0.5, 180.0, 0.0), 1e300 * TURNING],
+    ids=["a swing", "many turns", "whole degrees", "a square wave", "beyond any sensor"],
+)
+def test_what_only_moves_far_is_not_mended(values: NDArray[np.float64]) -> None:
+    mended, notes = mend_values("angle", values, "1", np.arange(values.size))
+    assert notes == []
+    assert mended is values or np.array_equal(mended, values)
 
 
 def test_a_repeated_stamp_without_a_clock_is_not_called_a_row_written_twice() -> None:
@@ -155,12 +222,6 @@ def test_a_repeated_stamp_without_a_clock_is_not_called_a_row_written_twice() ->
 def test_time_that_goes_backwards_is_refused_with_the_row() -> None:
     with pytest.raises(TimeError, match=r"backwards at data row 1001 \(from 9.99 s to 0 s\)"):
         diagnose_times(np.r_[EVEN, EVEN])
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_stamp_that_is_no_number_is_refused_with_the_row(bad: float) -> None:
-    with pytest.raises(TimeError, match="data row 6 is not a number"):
-        diagnose_times(np.where(np.arange(1000) == 5, bad, EVEN))
 
 
 def test_time_that_stands_still_is_refused() -> None:

@@ -170,14 +170,6 @@ def test_slow_samples_are_refused(made_up: tuple[Columns, Columns], tmp_path: Pa
         read_walk(csv(tmp_path, {name: values[::10] for name, values in made_up[0].items()}))
 
 
-def test_text_in_a_column_is_refused_with_its_row(made_up: tuple[Columns, Columns], tmp_path: Path) -> None:
-    frame = pd.DataFrame(made_up[1]).astype({"LASI_x_mm": object})
-    frame.loc[4, "LASI_x_mm"] = "lost"
-    frame.to_csv(tmp_path / "walk.csv", index=False)
-    with pytest.raises(RecordingError, match="'lost' in data row 5"):
-        read_walk(tmp_path / "walk.csv")
-
-
 def test_an_npz_file_of_objects_or_of_nothing_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "objects.npz", t=np.array([None, {}], dtype=object))
     (tmp_path / "torn.npz").write_bytes(b"PK\x03\x04 torn")

@@ -106,17 +106,9 @@ def read(
         raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
     if gaps == "bridge":
         refuse_bridge(kind)
-    found = read_stretch(
-        path,
-        {"response": response} | ({"drive": drive} if drive else {}),
-        time=time,
-        rate_hz=rate_hz,
-        run=run,
-        columns=columns,
-        start_s=start_s,
-        stop_s=stop_s,
-        gaps=gaps,
-    )
+    table = read_table(path, run=run, columns=columns, time=time)
+    roles = {"response": response} | ({"drive": drive} if drive else {})
+    found = read_stretch(table, roles, time, rate_hz, (start_s, stop_s), gaps=gaps)
     attrs = {
         "import_file": "" if isinstance(path, pd.DataFrame) else as_path(path).name,
         **{f"import_{role}": found.specs.get(role, "") for role in ("time", "response", "drive")},
@@ -296,33 +288,6 @@ _MENDED = frozenset(("response", "output"))
 
 
 def read_stretch(
-    path: "Path | str | Table",
-    roles: Mapping[str, str | None],
-    *,
-    time: str | None = None,
-    rate_hz: float | None = None,
-    run: RunChoice = None,
-    columns: ColumnNames = None,
-    start_s: float | None = None,
-    stop_s: float | None = None,
-    samples: tuple[int, int | None] | None = None,
-    gaps: Gaps = "refuse",
-) -> Stretch:
-    """Return columns of a table, by role, over a stretch of time.
-
-    path, run, columns: as in `read_table`. roles: specifications of the columns; that of the first role may be None:
-    then it is the only column of numbers that is left, or has to be named. time: of the time, None to know it by its
-    name, or to count the rows by rate_hz [1/s]. start_s, stop_s: the part to take, in the file's own time [s]. samples:
-    which of its rows, half open, where it has so many. gaps: as in `straighten_times`. A row without a number is a
-    missing sample. A sparse table, whose rows hold samples of some columns each, loses the rows that are empty in those
-    asked for. What is no measurement is mended as in `mend_stamps` and `mend_values`.
-    Raises FileError, SpecError, RecordingError, TimeError or UnitError with one sentence.
-    """
-    table = read_table(path, run=run, columns=columns, time=time)
-    return stretch_of(table, roles, time, rate_hz, (start_s, stop_s), samples, gaps)
-
-
-def stretch_of(
     table: Table,
     roles: Mapping[str, str | None],
     time: str | None,
@@ -331,7 +296,16 @@ def stretch_of(
     samples: tuple[int, int | None] | None = None,
     gaps: Gaps = "refuse",
 ) -> Stretch:
-    """Return columns of a table as `read_stretch` does. between_s: start and stop [s]."""
+    """Return columns of a table, by role, over a stretch of time.
+
+    roles: specifications of the columns; that of the first role may be None: then it is the only column of numbers that
+    is left, or has to be named. time: of the time, None to know it by its name, or to count the rows by rate_hz [1/s].
+    between_s: start and stop of the part to take, in the file's own time [s]. samples: which of its rows, half open,
+    where it has so many. gaps: as in `straighten_times`. A row without a number is a missing sample. A sparse table,
+    whose rows hold samples of some columns each, loses the rows that are empty in those asked for. What is no
+    measurement is mended as in `mend_stamps` and `mend_values`.
+    Raises SpecError, RecordingError, TimeError or UnitError with one sentence.
+    """
     time, named, notes = _choose_columns(table, roles, time, rate_hz)
     first_notes = notes_of(table)
     found = {role: find_columns(table, spec) for role, spec in named.items()}
@@ -411,7 +385,7 @@ def _choose_columns(
     table: Table, roles: Mapping[str, str | None], time: str | None, rate_hz: float | None
 ) -> tuple[str | None, dict[str, str], list[str]]:
     """Return (column of the time, columns by role, notes), those without a name guessed where there is no doubt."""
-    notes = []
+    notes: list[str] = []
     named = {role: spec for role, spec in roles.items() if spec is not None}
     over = over_frequency(table)
     if time is not None and len(names := find_columns(table, time)[0]) > 1:
@@ -754,7 +728,7 @@ def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
     refusal = ""
     for gaps in _WAYS if drive is None else ("refuse", "split"):
         try:
-            found = stretch_of(table, roles, time, None if time is not None else rate_hz or 1.0, gaps=gaps)
+            found = read_stretch(table, roles, time, None if time is not None else rate_hz or 1.0, gaps=gaps)
         except (RecordingError, UnitError) as error:
             refusal = refusal or str(error)
             continue

@@ -194,19 +194,15 @@ FEWEST_SAMPLES = 8
 class TimeDiagnosis:
     """What the time stamps of a record are like.
 
-    step_s: sampling step, the slope of stamp over index between gaps [s]; median_step_s: median difference [s].
-    jitter_s: standard deviation of the stamps from the straight line between gaps [s].
-    longest_pause_s: longest difference that is not a gap [s]; repeated: how many stamps equal the one before.
+    step_s: sampling step, the slope of stamp over index between gaps [s]. jitter_s: standard deviation of the stamps
+    from the straight line between gaps [s]. repeated: how many stamps equal the one before.
     pattern: even (jitter below 1 % of a step), jittering, bursty (regular samples that were stamped late, in
         bursts), or irregular (steps that differ and no clock behind them).
     gaps: in order. sentence: all this in words.
     """
 
-    samples: int
     step_s: float
-    median_step_s: float
     jitter_s: float
-    longest_pause_s: float
     repeated: int
     pattern: Pattern
     gaps: tuple[Gap, ...]
@@ -256,8 +252,8 @@ def _clock_of(stamps: Array) -> tuple[bool, bool, list[Gap], float, bool]:
 def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     """Return what a record's time stamps are like.
 
-    stamps: time stamps as logged [s], shape (n,). rows: where they stand, for the sentences of errors.
-    Raises TimeError for fewer than 8 stamps, NaN, time that goes backwards, and repeated stamps without a
+    stamps: time stamps as logged [s], finite, shape (n,). rows: where they stand, for the sentences of errors.
+    Raises TimeError for fewer than 8 stamps, time that goes backwards, and repeated stamps without a
     regular clock behind them that could say which is which.
     """
     _refuse_nonsense(stamps, rows)
@@ -275,9 +271,17 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     if clock:
         pattern = "bursty" if repeated or bursts else "even" if jitter < 0.01 * step else "jittering"
     pause = float(np.delete(steps, afters(gaps)).max())
-    median = float(np.median(steps))
-    sentence = _sentence(stamps.size, step, jitter, pause, repeated, pattern, gaps)
-    return TimeDiagnosis(stamps.size, step, median, jitter, pause, repeated, pattern, tuple(gaps), sentence)
+    what = {
+        "even": "even",
+        "jittering": f"jittering by {_time(jitter)} (kept as they are)",
+        "bursty": f"stamped in bursts (jitter {_time(jitter)}, longest pause without a loss {_time(pause)}, "
+        f"{100 * repeated / stamps.size:.0f} % repeated)",
+        "irregular": f"irregular (steps vary by {_time(jitter)}, at most {_time(pause)}; kept as they are)",
+    }[pattern]
+    mean = "mean " if pattern == "irregular" else ""
+    gap = f"; {_counted(len(gaps), 'gap')}, the longest {max(g.stop_s - g.start_s for g in gaps):.4g} s" if gaps else ""
+    sentence = f"{stamps.size} time stamps, {mean}step {_time(step)}: {what}{gap}"
+    return TimeDiagnosis(step, jitter, repeated, pattern, tuple(gaps), sentence)
 
 
 def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) -> Timeline:
@@ -357,11 +361,6 @@ def _spread(stamps: Array) -> Array:
 def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
     if stamps.size < FEWEST_SAMPLES:
         raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
-    bad = np.flatnonzero(~np.isfinite(stamps))
-    if bad.size:
-        raise TimeError(
-            f"time stamp in data row {_row_of(rows, int(bad[0]))} is not a number; fill it in or remove the row"
-        )
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
         i = int(back[0])
@@ -388,20 +387,6 @@ def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of:
     return np.asarray(inside)
 
 
-def _sentence(
-    samples: int, step: float, jitter: float, pause: float, repeated: int, pattern: Pattern, gaps: Sequence[Gap]
-) -> str:
-    what = {
-        "even": "even",
-        "jittering": f"jittering by {_time(jitter)} (kept as they are)",
-        "bursty": f"stamped in bursts (jitter {_time(jitter)}, longest pause without a loss {_time(pause)}, "
-        f"{100 * repeated / samples:.0f} % repeated)",
-        "irregular": f"irregular (steps vary by {_time(jitter)}, at most {_time(pause)}; kept as they are)",
-    }[pattern]
-    gap = f"; {_counted(len(gaps), 'gap')}, the longest {max(g.stop_s - g.start_s for g in gaps):.4g} s" if gaps else ""
-    return f"{samples} time stamps, {'mean step' if pattern == 'irregular' else 'step'} {_time(step)}: {what}{gap}"
-
-
 def _refusal(gaps: Sequence[Gap], step: float, rows: Rows) -> str:
     gap = gaps[0]
     more = f" and {_counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
@@ -424,13 +409,13 @@ def _time(seconds: float) -> str:
 
 # What is no measurement: rows by their stamps, then samples by their neighbours.
 
-_MOST_MENDS = 50
-"""Times that go backwards, in one record: more are no accidents, and the first is named."""
+_MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
 _STILL = 8  # rows with one stamp at the end, and four times as many as anywhere before: the clock stands
 _COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+_Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
 
 
-def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
     """Return (places of the rows to take in their order, their stamps [s], notes on what was done).
 
     stamps: finite, as logged [s], shape (n,). rows: their data rows. A row from before is left out, one out of its
@@ -446,32 +431,31 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int6
         if not back.size:
             break
         at = int(back[0]) + 1
-        row, high = int(rows[places[at]]), time[at - 1]
-        ahead = np.flatnonzero(time[at:] > high)
-        count = int(ahead[0]) if ahead.size else time.size - at
-        behind = time[at : at + count]
-        leap = time[at + count] - behind[-1] if ahead.size else np.inf
-        more = f" and {count - 1} rows below it" if count > 1 else ""
-        if count == 1 or (ahead.size and leap > 1.5 * usual and leap < np.inf):
-            earlier = time[:at]
-            apart = [float(np.abs(earlier - one).min()) for one in behind]
+        high, ahead = time[at - 1], np.flatnonzero(time[at:] > time[at - 1])
+        end = at + (int(ahead[0]) if ahead.size else time.size - at)
+        behind, steps = time[at:end], np.diff(time[at:end])
+        which = f"data row {rows[places[at]]}" + (f" and {end - at - 1} below it" if end - at > 1 else "")
+        order = np.argsort(time[:end], kind="stable")
+        if end - at == 1 or (ahead.size and time[end] - behind[-1] > 1.5 * usual):
+            apart = [float(np.abs(time[:at] - one).min()) for one in behind]
             if min(apart) > 0.5 * usual and behind[0] > time[0]:
-                notes.append(f"data row {row}{more} stood after a later one ({high:.6g} s): put back in order of time")
-                order = np.r_[np.argsort(time[: at + count], kind="stable"), at + count : time.size]
-                time, places = time[order], places[order]
-                continue
-            twin = int(rows[places[int(np.argmin(np.abs(earlier - behind[0])))]])
+                notes.append(f"{which} stood after a later one ({high:.6g} s): put back in order of time")
+            else:
+                twin = rows[places[int(np.argmin(np.abs(time[:at] - behind[0])))]]
+                notes.append(
+                    f"{which} goes back to {behind[0]:.6g} s after {high:.6g} s: row {twin} over again or a wrong "
+                    f"stamp, where {high + usual:.6g} s belongs; left out"
+                )
+                order = np.arange(at)
+            order = np.r_[order, end : time.size]
+            time, places = time[order], places[order]
+        elif (steps >= 0).all() and 0.5 * usual < float(np.median(steps)) < 2 * usual:
+            shift = high + usual - time[at]
             notes.append(
-                f"data row {row}{more} goes back to {behind[0]:.6g} s after {high:.6g} s: row {twin} over again or a "
-                f"wrong stamp, where {high + usual:.6g} s belongs; left out"
+                f"the clock was set back by {shift:.6g} s at {which.partition(' and')[0]}: what follows is "
+                f"moved on, one step of {_time(usual)} behind the row before"
             )
-            time, places = np.delete(time, np.s_[at : at + count]), np.delete(places, np.s_[at : at + count])
-        elif count > 1 and 0.5 * usual < float(np.median(np.diff(behind))) < 2 * usual and (np.diff(behind) >= 0).all():
-            notes.append(
-                f"the clock was set back by {high - time[at]:.6g} s at data row {row}: what follows is moved on, one "
-                f"step of {_time(usual)} behind the row before"
-            )
-            time[at:] += high + usual - time[at]
+            time[at:] += shift
         else:
             break
     for mend in (_still, _repeated):
@@ -481,22 +465,21 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int6
     return places, time, notes
 
 
-def _still(time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+def _still(time: Array, rows: NDArray[np.int64]) -> _Mended:
     """Leave out what stands behind the last tick of a clock that stopped."""
     ticks = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0]))
-    rest = time.size - 1 - int(ticks[-1])
+    end = int(ticks[-1]) + 1
+    rest = time.size - end
     if ticks.size < 2 or rest < max(_STILL, 4 * int(np.diff(ticks).max())):
         return np.arange(time.size), time, []
-    end = int(ticks[-1]) + 1
     note = f"the clock stands still from data row {rows[end - 1]} on: {_counted(rest, 'row')} left out"
     return np.arange(end), time[:end], [note]
 
 
-def _repeated(time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, list[str]]:
+def _repeated(time: Array, rows: NDArray[np.int64]) -> _Mended:
     """Leave out rows written twice in a regular clock; a stamp copied from the row before gets its own time."""
-    repeats = np.flatnonzero(np.diff(time) == 0) + 1
+    same, repeats = np.arange(time.size), np.flatnonzero(np.diff(time) == 0) + 1
     rest = np.delete(time, repeats)
-    same = np.arange(time.size)
     if not repeats.size or rest.size < FEWEST_SAMPLES or not _clock_of(time)[-1]:
         return same, time, []
     even, step = is_even(rest, np.diff(rest))
@@ -504,26 +487,19 @@ def _repeated(time: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
     if not even or off_line(rest, gaps, step).std() >= 0.3 * step:
         return same, time, []
     step = float(np.median(np.diff(rest)))
-    time, steps = time.copy(), np.diff(time, append=np.inf)
-    missed = [int(k) for k in repeats if 1.5 * step < steps[k] < np.inf]
-    twice = [int(k) for k in repeats if int(k) not in missed]
-    notes = []
-    if missed:
-        time[missed] += step
-        notes.append(
-            f"data row {rows[missed[0]]} has the stamp of the row before and gets {time[missed[0]]:.6g} s, by the "
-            f"regular clock of {_time(step)}{_more(missed)}"
-        )
-    if twice:
-        notes.append(
-            f"data row {rows[twice[0]]} was written twice (by the regular clock of {_time(step)}) and is left out"
-            f"{_more(twice)}"
-        )
+    steps = np.diff(time, append=np.inf)[repeats]
+    missed = repeats[(steps > 1.5 * step) & np.isfinite(steps)]
+    twice = np.setdiff1d(repeats, missed)
+    time = time.copy()
+    time[missed] += step
+    clock, notes = f"by the regular clock of {_time(step)}", []
+    if missed.size:
+        first = f"data row {rows[missed[0]]} has the stamp of the row before and gets {time[missed[0]]:.6g} s"
+        notes.append(f"{first}, {clock} ({_counted(missed.size, 'such row')})")
+    if twice.size:
+        first = f"data row {rows[twice[0]]} was written twice, {clock}, and is left out"
+        notes.append(f"{first} ({_counted(twice.size, 'such row')})")
     return np.delete(same, twice), np.delete(time, twice), notes
-
-
-def _more(mended: Sequence[int]) -> str:
-    return f"; so {_counted(len(mended) - 1, 'more row')}" if len(mended) > 1 else ""
 
 
 def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) -> tuple[Array, list[str]]:
@@ -532,70 +508,61 @@ def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) ->
     values: finite, in `unit` (SI), shape (n,). name: of its column: an angle turns by its unit or its name, a counter
     by its whole numbers.
     """
-    notes = []
-    if (failed := _failed_reads(values)).any():
+    notes: list[str] = []
+    if values.size <= FEWEST_SAMPLES or np.abs(values).max() > max(_COUNTERS):
+        return values, notes
+    failed = _failed_reads(values)
+    if failed.any():
         first = int(np.argmax(failed))
         notes.append(
             f"{failed.sum()} samples of {name!r} stand alone at {values[first]:.6g}, far from both neighbours, the "
             f"first in data row {rows[first]}: failed reads, left out"
         )
-        values = np.where(failed, np.nan, values)
-    good = np.isfinite(values)
-    whole, turn = _whole_turns(values[good], _periods(name, values[good], unit))
+    good = ~failed
+    whole, turn = _whole_turns(name, values[good], unit)
     if turn:
         first = int(np.argmax(np.abs(np.diff(values[good])) > 0.5 * turn))
-        values = values.copy()
-        values[good] = whole
-        size = "a whole turn" if unit == "rad" else f"{turn:g}"
-        at = rows[good][first + 1]
+        size, at = "a whole turn" if unit == "rad" else f"{turn:g}", rows[good][first + 1]
         notes.append(f"{name!r} jumps by {size} between neighbours, first in data row {at}: turns, unwrapped")
-    return values, notes
+    mended = np.full(values.size, np.nan)
+    mended[good] = whole
+    return mended, notes
 
 
 def _failed_reads(values: Array) -> Mask:
     """Return which samples are a driver's word for a failed read: one value, alone again and again, out of range."""
     steps = np.abs(np.diff(values))
-    none = np.zeros(values.size, dtype=bool)
-    if values.size < FEWEST_SAMPLES or not (usual := float(np.quantile(steps, 0.9))):
-        return none
+    usual = float(np.quantile(steps, 0.9))
     off = np.minimum(np.r_[np.inf, steps], np.r_[steps, np.inf])
-    far = np.isfinite(off) & (off > 8 * usual)
+    far = np.isfinite(off) & (off > 8 * usual) & (usual > 0)
     if not far.any() or far.all():
-        return none
+        return np.zeros(values.size, dtype=bool)
     levels, counts = np.unique(np.round(values[far], 9), return_counts=True)
     level = float(levels[np.argmax(counts)])
     low, high = np.quantile(values[~far], [0.02, 0.98])
-    inside = low - 0.5 * (high - low) < level < high + 0.5 * (high - low)
-    return none if counts.max() < 3 or inside else far & (np.abs(values - level) < 1e-8)
+    outside = abs(level - (low + high) / 2) > high - low
+    return np.asarray(far & (np.abs(values - level) < 1e-8) & outside & bool(counts.max() >= 3))
 
 
-def _periods(name: str, values: Array, unit: str) -> tuple[float, ...]:
-    """Return by how much a column may jump at a turn, in its unit."""
-    if unit == "rad":
-        return (2 * np.pi,)
-    if unit != "1":
-        return ()
-    if bool((values == np.rint(values)).all()):
-        return (360.0, *_COUNTERS) if says(name, "angle") else _COUNTERS
-    return (360.0, 2 * np.pi) if says(name, "angle") else ()
-
-
-def _whole_turns(values: Array, turns: Sequence[float]) -> tuple[Array, float]:
+def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
     """Return values without their jumps by a turn, and the turn; 0 where they make none.
 
     They fill more than half a turn and no more than one, jump by more than half of it now and then, and move by less
     than a third of it else. Jumps there and back at once are no turns.
     """
-    steps = np.diff(values)
-    if steps.size < FEWEST_SAMPLES:
-        return values, 0.0
-    span, usual = float(np.ptp(values)), float(np.quantile(np.abs(steps), 0.9))
-    for turn in turns:
+    counts = _COUNTERS if unit == "1" and bool((values == np.rint(values)).all()) else ()
+    angles: tuple[float, ...] = (2 * np.pi,) if unit == "rad" else ()
+    if unit == "1" and says(name, "angle"):
+        angles = (360.0,) if counts else (360.0, 2 * np.pi)
+    steps, span = np.diff(values), float(np.ptp(values))
+    usual = float(np.quantile(np.abs(steps), 0.9))
+    for turn in (*angles, *counts):
         jumps = np.abs(steps) > 0.5 * turn
         if not (0 < jumps.mean() < 0.25 and 0.5 * turn < span <= 1.001 * turn and usual < 0.3 * turn):
             continue
         back = jumps[:-1] & jumps[1:] & (np.sign(steps[:-1]) != np.sign(steps[1:]))
         whole = np.unwrap(values, period=turn)
-        if 2 * back.sum() <= 0.8 * jumps.sum() and np.quantile(np.abs(np.diff(whole)), 0.999) < 0.5 * turn:
+        rest = np.abs(np.diff(whole))
+        if 2 * back.sum() <= 0.8 * jumps.sum() and rest[jumps].max() <= 2 * rest[~jumps].max() < turn:
             return np.asarray(whole), turn
     return values, 0.0

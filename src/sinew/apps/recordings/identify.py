@@ -357,7 +357,7 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
-    from sinew.measure.read import read_stretch
+    from sinew.measure.read import read_stretch, read_table
 
     if asked.excitation is None and asked.input_ is not None:
         raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
@@ -372,18 +372,9 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     samples = None
     if train is not None:  # those of both ranges and between them; without a test all behind the first
         samples = (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
-    found = read_stretch(
-        asked.file,
-        {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_}),
-        time=asked.time,
-        rate_hz=asked.rate,
-        run=asked.run,
-        columns=asked.columns,
-        start_s=asked.start,
-        stop_s=asked.stop,
-        samples=samples,
-        gaps=asked.gaps,
-    )
+    table = read_table(asked.file, run=asked.run, columns=asked.columns, time=asked.time)
+    roles = {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_})
+    found = read_stretch(table, roles, asked.time, asked.rate, (asked.start, asked.stop), samples, asked.gaps)
     timeline = found.timeline
     part = max(timeline.pieces, key=lambda piece: piece.stop - piece.start)
     stamps, response = timeline.time_s[part], found.values["output"][part]

@@ -354,34 +354,28 @@ def _open_json(path: Path) -> Opened | None:
             if text.lstrip().startswith("{"):
                 raise FileError(f"{path} begins as JSON but cannot be read, it is cut short ({error})") from error
             return None
-    name, rows = max(_lists(tree), key=lambda found: len(found[1]), default=("", []))
-    if len(rows) < 2:
+    name, table = max(_lists(tree), key=lambda found: len(found[1]), default=("", pd.DataFrame()))
+    if len(table) < 2:
         raise FileError(f"{path} is JSON without a list of samples; write its samples as a table")
-    table = pd.json_normalize(rows) if isinstance(rows, list) else pd.DataFrame(rows)
     note = f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"
     return Opened("JSON", (Run("", noted(_plain(table), note)),))
 
 
-def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (name, samples) of every list of objects, and of every group of lists of numbers with one length."""
-    if isinstance(tree, list):
-        if tree and all(isinstance(one, Mapping) for one in tree):
-            yield name, tree
-        elif tree and all(isinstance(one, list) and len(one) == len(tree[0]) for one in tree):
-            yield name, pd.DataFrame(tree).set_axis(pd.Index([str(k + 1) for k in range(len(tree[0]))]), axis=1)
-        elif len(tree) <= _MOST_COLUMNS:
-            for one in tree:
-                yield from _lists(one, name)
+def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
+    """Yield (name, samples) of every list of objects or of rows, and of the lists of one length in an object."""
+    if isinstance(tree, list) and tree and all(isinstance(one, (Mapping, list)) for one in tree):
+        objects = isinstance(tree[0], Mapping)
+        table = pd.json_normalize(tree) if objects else pd.DataFrame(tree).rename(columns=lambda k: k + 1)
+        if objects or table.shape[1] <= _MOST_COLUMNS:
+            yield name, table
     elif isinstance(tree, Mapping):
-        lists = {
-            key: one for key, one in tree.items() if isinstance(one, list) and one and not isinstance(one[0], dict)
-        }
-        sizes = [len(one) for one in lists.values()]
+        flat = {key: one for key, one in tree.items() if isinstance(one, list) and one and np.ndim(one[0]) == 0}
+        flat = {key: one for key, one in flat.items() if not isinstance(one[0], Mapping)}
+        sizes = [len(one) for one in flat.values()]
         if sizes:
-            usual = max(sizes, key=sizes.count)
-            yield name, pd.DataFrame({key: one for key, one in lists.items() if len(one) == usual})
+            yield name, pd.DataFrame({key: one for key, one in flat.items() if len(one) == max(sizes, key=sizes.count)})
         for key, one in tree.items():
-            if isinstance(one, Mapping) or key not in lists:
+            if key not in flat:
                 yield from _lists(one, f"{name}.{key}".lstrip("."))
 
 

@@ -221,14 +221,11 @@ def time_columns(table: Table) -> list[str]:
 def number_columns(table: Table) -> list[str]:
     """Return the columns that hold numbers and no times, by their names."""
     found = []
-    for place, name in enumerate(map(str, table.columns)):
-        column = table.iloc[:, place]
-        if is_time_name(name) or column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype):
-            continue
-        held = column.notna().sum()
-        values = column if column.dtype.kind in "fiu" else pd.to_numeric(column, errors="coerce")
-        if held and values.notna().sum() >= 0.9 * held:
-            found.append(name)
+    for name, (_, column) in zip(map(str, table.columns), table.items(), strict=True):
+        dates = column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype)
+        if not is_time_name(name) and not dates and (held := column.count()):
+            values = column if column.dtype.kind in "fiu" else pd.to_numeric(column, errors="coerce")
+            found += [name] if values.count() >= 0.9 * held else []
     return found
 
 

@@ -87,14 +87,8 @@ def read_walk(
     specs, names = _channels(table, asked)
     times = time_columns(table) if asked.time is None else find_columns(table, asked.time)[0]
     taken = [name for spec, _ in specs.values() for name in find_columns(table, spec)[0]]
-    found = read_stretch(
-        table[[*times, *taken]],
-        {role: spec for role, (spec, _) in specs.items()},
-        time=asked.time,
-        start_s=start_s,
-        stop_s=stop_s,
-        gaps="bridge",
-    )
+    roles = {role: spec for role, (spec, _) in specs.items()}
+    found = read_stretch(table[[*times, *taken]], roles, asked.time, None, (start_s, stop_s), gaps="bridge")
     for role, (_, si) in specs.items():
         convert(found.said[role], si)  # raises where the unit is of another kind
     time, step = found.timeline.time_s, found.timeline.diagnosis.step_s
