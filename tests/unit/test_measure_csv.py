@@ -74,11 +74,6 @@ def test_a_part_is_taken_in_the_file_s_own_time(swing: Path) -> None:
     assert (time[0], time[-1], time.size) == (0.5, 1.0, 51)
 
 
-def test_time_in_milliseconds_becomes_seconds(swing: Path) -> None:
-    time = read(swing, time="t_s:ms", response="angle_deg")["time_s"].values
-    assert time[-1] == pytest.approx(1.99e-3)
-
-
 def test_a_ring_down_becomes_one_ring_down_segment_of_unknown_drive(swing: Path) -> None:
     recording = read(swing, time="t_s", response="angle_deg", drive="lever (deg)")
     row = [recording[name].item() for name in ("kind", "row_size", "pretension_mm", "repeat")]

@@ -22,7 +22,6 @@ from tests.unit.dialects import (
 )
 
 from sinew.measure.errors import SinewError
-from sinew.measure.files.text import notes_of
 from sinew.measure.read import look, read, read_table
 from sinew.measure.units import canonical_unit
 
@@ -55,26 +54,11 @@ def test_a_file_that_leaves_a_doubt_is_refused_with_the_option_that_settles_it(
     assert "\n" not in str(caught.value)
 
 
-def test_there_are_fifteen_dialects_of_text_and_every_format() -> None:
-    assert len(TEXTS) >= 15
-    assert {Path(one.name).suffix for one in BINARIES} == {".mat", ".h5", ".tdms", ".uff", ".xlsx", ".parquet", ".mcap"}
-
-
 def test_look_says_what_only_its_reader_knows(tmp_path: Path) -> None:
     (angles,) = [one for one in TEXTS if one.name == "angles_only.txt"]
     found = look(written(angles, tmp_path)).to_dict()
     assert found["missing"] == ["--rate HZ"]
     assert shlex.split(found["command"])[3:5] == ["--rate", "HZ"]
-
-
-def test_a_preamble_that_was_left_out_is_told(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("Logger 3\nroom 7\nt,x\n" + "".join(f"{i},{i}\n" for i in range(9)))
-    assert "2 lines above the table left out" in notes_of(read_table(tmp_path / "a.csv"))
-
-
-def test_columns_without_a_header_are_named_by_their_places(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("".join(f"{i / 100},{i}\n" for i in range(9)))
-    assert list(read_table(tmp_path / "a.csv").columns) == ["1", "2"]
 
 
 def test_names_for_all_columns_must_be_as_many_as_there_are(tmp_path: Path) -> None:

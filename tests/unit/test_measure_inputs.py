@@ -14,7 +14,6 @@ import pytest
 from tests.unit.dialects import LVM_END, rows
 
 from sinew.measure.errors import SinewError, UnitError
-from sinew.measure.files.names import is_time_name, quantity, role_of
 from sinew.measure.read import look, read
 
 T = np.round(np.arange(600) * 0.01, 4)
@@ -166,45 +165,6 @@ def test_a_unit_in_a_bracket_that_is_not_understood_is_asked_for(tmp_path: Path)
     with pytest.raises(UnitError, match=r"the unit 'tick' of 'Time \(tick\)' is not understood: say which"):
         read(tmp_path / "a.csv")
     assert read(tmp_path / "a.csv", time="Time (tick):s").sizes["sample"] == 600
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        *[
-            (name, "ms")
-            for name in ("t/ms", "Zeit / ms", "Time, ms", "t in ms", "time.ms", "TIME:ms", "msec", "Time(ms)")
-        ],
-        *[(name, "ms") for name in ("elapsed_millis", "Time_ms", "millis", "time_millis")],
-        ("stamp_us", "us"),
-        ("micros()", "us"),
-        ("timestamp_ns", "ns"),
-        ("t (min)", "min"),
-        ("__time", None),
-    ],
-)
-def test_every_usual_way_to_write_the_unit_of_a_time_is_read(name: str, unit: str | None) -> None:
-    assert (quantity(name).unit, is_time_name(name)) == (unit, True)
-
-
-@pytest.mark.parametrize(
-    ("name", "unit", "role"),
-    [
-        ("Kraft in N", "N", "drive"),
-        ("a/m/s2", "m/s2", ""),
-        ("Gyroscope x (rad/s)", "rad/s", "response"),
-        ("/joint/angle", None, "response"),
-        ("angle_min", None, "response"),
-        ("angle (left)", None, "response"),
-        ("time_of_flight_mm", "mm", ""),
-        ("input_volts", None, "none"),
-        ("goalPosition", None, "drive"),
-        ("set point", None, "drive"),
-        ("tip_um", "um", ""),
-    ],
-)
-def test_a_name_says_its_unit_and_its_role(name: str, unit: str | None, role: str) -> None:
-    assert (quantity(name).unit, role_of(name)) == (unit, role)
 
 
 def test_a_million_rows_are_read_in_bounded_time(tmp_path: Path) -> None:

@@ -74,11 +74,6 @@ def test_an_absent_file_is_refused_by_name(tmp_path: Path) -> None:
         read_table(tmp_path / "absent.csv")
 
 
-def test_a_folder_is_refused_as_a_table(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is a folder, expected a CSV file"):
-        read_table(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("spec", "found"),
     [

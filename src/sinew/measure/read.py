@@ -196,14 +196,7 @@ def opened_table(path: Path, columns: ColumnNames = None, time: str | None = Non
     opened = open_file(path, None if columns is None else len(_split(columns)))
     if columns is not None:
         opened = Opened(opened.form, tuple(Run(one.name, _renamed(one.table, columns)) for one in opened.runs))
-
-    def stamps_of(table: Table) -> str | None:
-        with suppress(RecordingError):  # whoever reads it says what is missing
-            found = time_columns(table) if time is None else find_columns(table, time)[0]
-            return found[0] if len(found) == 1 else None
-        return None
-
-    return with_restarts(opened, stamps_of)
+    return with_restarts(opened, time)
 
 
 def _split(columns: str | Sequence[str]) -> list[str]:
@@ -306,8 +299,8 @@ def read_stretch(
     measurement is mended as in `mend_stamps` and `mend_values`.
     Raises SpecError, RecordingError, TimeError or UnitError with one sentence.
     """
-    time, named, notes = _choose_columns(table, roles, time, rate_hz)
     first_notes = notes_of(table)
+    time, named, notes = _choose_columns(table, roles, time, rate_hz)
     found = {role: find_columns(table, spec) for role, spec in named.items()}
     wanted = sorted({name for names, _ in found.values() for name in names})
     stamp = None if time is None else find_columns(table, time)[0][0]
@@ -462,9 +455,9 @@ def read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Ar
         if odd.any():
             notes.append(_bad_cell(column, int(np.argmax(odd))))
         stamped = np.isfinite(values)
-    stamps = np.full(len(table), math.nan)
     if not stamped.any():
-        return stamps, notes
+        raise RecordingError(f"column {name!r} holds no times")
+    stamps = np.full(len(table), math.nan)
     column, unit = column[stamped], stated or said.unit
     if clock or _holds_dates(column):
         if stated is not None:
@@ -726,7 +719,8 @@ def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
         return _Guess(notes=(*notes, "no column of numbers that changes: there is nothing to go on with"))
     roles = {"response": response} | ({} if drive is None else {"drive": drive})
     refusal = ""
-    for gaps in _WAYS if drive is None else ("refuse", "split"):
+    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
+    for gaps in ways:
         try:
             found = read_stretch(table, roles, time, None if time is not None else rate_hz or 1.0, gaps=gaps)
         except (RecordingError, UnitError) as error:
@@ -741,9 +735,6 @@ def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
     words += [] if gaps == "refuse" else ["--gaps", gaps]
     notes += [note for note in found.notes if note not in notes]
     return _Guess(shlex.join(words), missing, None if time is None else _timing(found, time), tuple(notes))
-
-
-_WAYS: tuple[Gaps, ...] = ("refuse", "bridge", "split")
 
 
 def _time_of(table: Table, notes: list[str]) -> str | None:
@@ -821,8 +812,7 @@ def _clearness(values: Array) -> float:
 
 
 def _timing(found: Stretch, time: str) -> LookedTime:
-    timeline = found.timeline
-    known, lasts = timeline.diagnosis, float(timeline.time_s[-1] - timeline.time_s[0])
+    known, lasts = found.timeline.diagnosis, float(np.ptp(found.timeline.time_s))
     gaps = tuple({"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in known.gaps)
     sentence = f"{known.sentence}; {number(1.0 / known.step_s, 4, 'Hz')}, {number(lasts, 4, 's')}"
     return LookedTime(time, 1.0 / known.step_s, lasts, gaps, sentence)

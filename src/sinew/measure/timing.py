@@ -410,7 +410,6 @@ def _time(seconds: float) -> str:
 # What is no measurement: rows by their stamps, then samples by their neighbours.
 
 _MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
-_STILL = 8  # rows with one stamp at the end, and four times as many as anywhere before: the clock stands
 _COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
 _Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
 
@@ -470,7 +469,7 @@ def _still(time: Array, rows: NDArray[np.int64]) -> _Mended:
     ticks = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0]))
     end = int(ticks[-1]) + 1
     rest = time.size - end
-    if ticks.size < 2 or rest < max(_STILL, 4 * int(np.diff(ticks).max())):
+    if ticks.size < 2 or rest < max(FEWEST_SAMPLES, 4 * int(np.diff(ticks).max())):
         return np.arange(time.size), time, []
     note = f"the clock stands still from data row {rows[end - 1]} on: {_counted(rest, 'row')} left out"
     return np.arange(end), time[:end], [note]

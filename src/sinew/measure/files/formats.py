@@ -24,13 +24,31 @@ from scipy.io import loadmat, savemat
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SinewError, SpecError, how_to_install
-from sinew.measure.files.names import Table, listed, number_columns, time_columns, unit_suffix, unlike, with_unit
-from sinew.measure.files.text import MADE_TIME, Opened, Run, noted, open_text, read_text, stated_step, with_time
+from sinew.measure.files.names import (
+    Table,
+    find_columns,
+    listed,
+    number_columns,
+    time_columns,
+    unit_suffix,
+    unlike,
+    with_unit,
+)
+from sinew.measure.files.text import (
+    MADE_TIME,
+    Opened,
+    Run,
+    noted,
+    notes_of,
+    open_text,
+    read_text,
+    stated_step,
+    with_time,
+)
 from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
 from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
-_LISTED = 12
 _FEWEST_ROWS = 8  # of a run that a restart of the clock begins: fewer cannot be analysed
 _UNITS = ("units", "unit", "Units", "Unit", "unit_string", "NI_UnitDescription")
 
@@ -107,15 +125,7 @@ def _open_mat(path: Path) -> Opened:
 
 def _open_npz(path: Path) -> Opened:
     with np.load(path, allow_pickle=False) as file:
-        arrays = {name: np.asarray(file[name]) for name in file.files}
-    of_axes = {
-        f"{name}_{axis}": array[:, k]
-        for name, array in arrays.items()
-        if array.ndim == 2 and array.shape[1] == 3
-        for k, axis in enumerate("xyz")
-    }
-    rest = {name: array for name, array in arrays.items() if f"{name}_x" not in of_axes}
-    return _opened(path, "npz (NumPy)", _arrays(rest | of_axes))
+        return _opened(path, "npz (NumPy)", [("", name, file[name]) for name in file.files], axes="xyz")
 
 
 def _arrays(tree: Any, group: str = "") -> Iterator[tuple[str, str, Any]]:
@@ -154,9 +164,16 @@ def _open_hdf5(path: Path) -> Opened:
 
 
 def _opened(
-    path: Path, form: str, found: Iterable[tuple[str, str, Any]], units: Mapping[tuple[str, str], str] | None = None
+    path: Path,
+    form: str,
+    found: Iterable[tuple[str, str, Any]],
+    units: Mapping[tuple[str, str], str] | None = None,
+    axes: str = "",
 ) -> Opened:
-    """Return the runs of a tree of arrays; a scalar that is named like a rate or a step gives its group a time."""
+    """Return the runs of a tree of arrays; a scalar that is named like a rate or a step gives its group a time.
+
+    axes: names of the columns of an array that has as many; numbers from 1 else.
+    """
     columns: list[_Column] = []
     steps: dict[str, float] = {}
     for group, name, value in found:
@@ -171,7 +188,8 @@ def _opened(
             columns.append(_Column(group, name, flat, (units or {}).get((group, name))))
         else:
             tall, unit = flat if flat.shape[0] >= flat.shape[1] else flat.T, (units or {}).get((group, name))
-            columns += [_Column(group, f"{name}_{k + 1}", tall[:, k], unit) for k in range(tall.shape[1])]
+            labels = axes if tall.shape[1] == len(axes) else range(1, tall.shape[1] + 1)
+            columns += [_Column(group, f"{name}_{label}", one, unit) for label, one in zip(labels, tall.T, strict=True)]
     if not columns:
         raise FileError(f"{path} holds no columns of numbers; expected arrays of one number for each sample")
     stated = [replace(one, step_s=steps.get(one.group, steps.get(""))) for one in columns]
@@ -210,33 +228,24 @@ def _table_of(columns: Sequence[_Column]) -> Table:
     if len(steps) != 1 or (time_columns(table) and len(set(starts)) < 2):
         return table
     step = float(steps.pop() or 0.0)
-    if len(set(starts)) > 1:
-        return _together(table, step, starts)
-    return with_time(table, step, starts[0])
+    return with_time(table, step, starts[0]) if len(set(starts)) == 1 else _together(table, step, np.array(starts))
 
 
-def _together(table: Table, step_s: float, starts: Sequence[float]) -> Table:
-    """Return columns that begin at different times [s] at common ones: all of them moved to those of the latest."""
-    if len(starts) < table.shape[1]:
-        raise FileError("its channels begin at different times and some state none; export them with one time column")
-    first, late = max(starts), np.subtract(max(starts), starts)
-    own = [name for name in table.columns if name not in time_columns(table)]
-    count = int(np.floor(len(table) - late.max() / step_s + 1e-6))
-    if count < 2:
-        raise FileError("its channels have no time in common")
+def _together(table: Table, step_s: float, starts: Array) -> Table:
+    """Return columns that begin at different times [s] at common ones, from the latest of them on."""
+    late = (starts.max() - starts) / step_s
+    count = int(len(table) - late.max() + 1e-6)
+    if len(starts) < table.shape[1] or count < 1:
+        raise FileError("its channels begin at different times and have none in common; export them with their times")
     moved = pd.DataFrame(index=range(count))
-    for name, shift in zip(table.columns, late, strict=True):
-        at = shift / step_s + np.arange(count)
-        if abs(shift / step_s - round(shift / step_s)) < 1e-3:
-            at = np.rint(at)  # whole steps: the samples themselves
-        if name in own:
-            moved[name] = np.interp(at, np.arange(len(table)), table[name].to_numpy(dtype=float))
-    said = ", ".join(
-        f"{name!r} {lag:g} s" for name, lag in zip(table.columns, max(late) - late, strict=True) if lag > 0
-    )
-    moved.attrs = dict(table.attrs)
+    for (name, column), steps in zip(table.items(), late, strict=True):
+        at = steps + np.arange(count)
+        at = np.rint(at) if abs(steps - round(steps)) < 1e-3 else at  # whole steps: the samples themselves
+        moved[name] = np.interp(at, np.arange(len(table)), column.to_numpy(dtype=float))
+    lags = zip(table.columns, starts - starts.min(), strict=True)
+    said = ", ".join(f"{name!r} {lag:g} s" for name, lag in lags if lag > 0)
     note = f"the channels do not begin together, as the file states; later than the first: {said}; brought to one time"
-    return noted(with_time(moved, step_s, first - min(starts)), note)
+    return noted(with_time(moved, step_s, float(starts.max() - starts.min())), *notes_of(table), note)
 
 
 # TDMS of LabVIEW, and the universal file format of modal analysis.
@@ -478,7 +487,7 @@ def choose_run(opened: Opened, run: int | str | None, source: str) -> Table:
     runs = opened.runs
     if run is None and len(runs) == 1:
         return runs[0].table
-    names = listed((f"{k} {one.name!r}" if one.name else str(k) for k, one in enumerate(runs, start=1)), _LISTED)
+    names = listed((f"{k} {one.name!r}" if one.name else str(k) for k, one in enumerate(runs, start=1)))
     if run is None:
         raise RecordingError(
             f"{source} holds {len(runs)} runs: {names}; choose one by its number or name, as --run 1 (run=1)"
@@ -492,16 +501,19 @@ def choose_run(opened: Opened, run: int | str | None, source: str) -> Table:
     raise RecordingError(f"{source} has no run {text!r}; it holds {names}")
 
 
-def with_restarts(opened: Opened, time_of: Callable[[Table], str | None]) -> Opened:
+def with_restarts(opened: Opened, time: str | None) -> Opened:
     """Return what a file holds, its one run taken apart where its time starts anew.
 
-    time_of: names the column of the times of a table, None where that is not known.
+    time: specification of the times' column; None to know it by its name.
     """
-    if len(opened.runs) != 1:
-        return opened
     table = opened.runs[0].table
-    time = time_of(table)
-    stamps = np.array([]) if time is None else np.asarray(pd.to_numeric(table[time], errors="coerce"), dtype=float)
+    try:
+        found = time_columns(table) if time is None else find_columns(table, time)[0]
+    except RecordingError:  # whoever reads it says what is missing
+        return opened
+    if len(opened.runs) != 1 or len(found) != 1:
+        return opened
+    stamps = np.asarray(pd.to_numeric(table[found[0]], errors="coerce"), dtype=float)
     known = np.flatnonzero(np.isfinite(stamps))
     steps = np.diff(stamps[known])
     starts = known[np.flatnonzero(steps < 0) + 1]

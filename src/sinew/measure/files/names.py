@@ -109,17 +109,9 @@ def with_unit(name: str, unit: str | None) -> str:
     A word for a unit that is none ("Amplitude", "counts") is left out.
     """
     text = (unit or "").strip().strip("[]()").strip()
-    if not text or unit_in_name(name) is not None:
-        return name
-    for spelling in (_CLOCKS.get(text.lower(), text), text.lower()):
-        try:
-            canonical_unit(spelling)
-        except UnitError as error:
-            if "ambiguous" not in str(error):
-                continue
-        else:
-            return f"{name} [{spelling}]" if spelling != "1" else name
-    return name
+    spellings = (_CLOCKS.get(text.lower(), text), text.lower())
+    stated = next((one for one in spellings if _is_read(one) or one in ("g", "G", "mg")), "1")
+    return name if stated in ("1", "") or unit_in_name(name) is not None else f"{name} [{stated}]"
 
 
 def bare_name(name: str) -> str:
@@ -181,13 +173,11 @@ def says(name: str, what: str) -> bool:
 
 def is_time_name(name: str) -> bool:
     """Return whether a column's name says that it holds times."""
-    said = quantity(name)
+    said, words = quantity(name), words_of(name)
     if said.unit is not None and said.unit not in _CLOCKS:
         return False
-    if _TIME.fullmatch(_joined(said.words)) or (said.unit is not None and said.words.lower() in _CLOCKS):
-        return True
-    words = words_of(name)
-    return bool(words) and not _TIME_WORDS.isdisjoint((words[0], words[-1]))
+    joined = _TIME.fullmatch(_joined(said.words)) or (said.unit is not None and said.words.lower() in _CLOCKS)
+    return bool(joined) or not _TIME_WORDS.isdisjoint((*words[:1], *words[-1:]))
 
 
 def role_of(name: str) -> Role:

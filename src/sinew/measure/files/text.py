@@ -33,7 +33,7 @@ _MARKS = ((".", ""), (",", ""), (",", "."), (".", ","))
 _COMMENTS = ("#", "%", "//")
 _TEXT_GROWS = 4  # bytes, text and numbers are in memory together
 _PROBED = 200  # lines from the top, and as many from all of it
-_ROWS_AT_THE_TOP = 4
+_ROWS_AT_THE_TOP, _LONGEST_PREAMBLE = 4, 500  # lines
 _LETTER = re.compile(r"[^\W\d_]|[°%]")
 _RULE = re.compile(r"[\s\-=_+|*~.,;]+")  # a line drawn under a header
 _NO_NUMBER = frozenset(("nan", "null", "na", "n/a", "inf", "-inf", "+inf"))  # stand for one
@@ -208,22 +208,13 @@ class _Dialect:
 
     def start(self, lines: Sequence[str]) -> int:
         """Return the first line of numbers: four of them follow one another, or all that there are."""
-        good = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-        rows: list[bool] = []
-        for place in range(len(good)):
-            while len(rows) < min(len(good), place + _ROWS_AT_THE_TOP):
-                rows.append(self.is_row(lines[good[len(rows)]]))
-            if all(rows[place : place + _ROWS_AT_THE_TOP]):
-                break
-        else:
-            place = next(k for k, one in enumerate(rows) if one)
-        while place > 1 and rows[place - 2] and self._is_torn(lines[good[place - 1]]):  # one bad row near the top
-            place -= 2
-        return good[place]
-
-    def _is_torn(self, line: str) -> bool:
-        cells = self.cells(line)
-        return len(cells) == self.width and any(is_value(cells[k], self.decimal, self.thousands) for k in self.solid)
+        filled = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+        good = [self.is_row(lines[k]) for k in filled[: _LONGEST_PREAMBLE + _ROWS_AT_THE_TOP]]
+        alike = [k for k, one in enumerate(good) if one and all(good[k : k + _ROWS_AT_THE_TOP])]
+        first = alike[0] if alike else good.index(True) if True in good else 0
+        while first > 1 and good[first - 2] and len(self.cells(lines[filled[first - 1]])) == self.width:
+            first -= 2  # one bad row near the top
+        return filled[first]
 
 
 def _pattern(decimal: str, thousands: str) -> re.Pattern[str]:
@@ -454,13 +445,9 @@ def _parsed(source: str, lines: list[str], spoken: _Dialect, layout: _Layout) ->
                 if attempt or widest > 2 * spoken.width + 8:
                     raise FileError(f"{source} is not a table of {spoken.width} columns ({reason})") from error
     extra = pd.to_numeric(frame.iloc[:, spoken.width :].stack(), errors="coerce").dropna().index.get_level_values(0)
-    bad = frame.index.isin(extra)
-    for column in (*spoken.solid, *spoken.empty):
-        bad |= _texts(frame[column])
-    some = np.zeros(len(frame), dtype=bool)
-    for column in spoken.solid:
-        some |= (frame[column].notna() & ~_texts(frame[column])).to_numpy()
-    bad &= ~some | frame.index.isin(extra)
+    words = {column: _texts(frame[column]) for column in (*spoken.solid, *spoken.empty)}
+    some = np.any([frame[column].notna().to_numpy() & ~words[column] for column in spoken.solid], axis=0)
+    bad = (np.any(list(words.values()), axis=0) & ~some) | frame.index.isin(extra)
     notes = list(layout.notes)
     if bad.any():
         first = int(np.argmax(bad))

@@ -116,8 +116,7 @@ def _read_columns(path: Path, columns: str) -> tuple[Array, Array]:
     table, found = read_table(path), []
     for spec, default, unit in zip(specs, ("1", ""), ("1", "Pa"), strict=True):
         (name,), stated = find_columns(table, spec)
-        stated = stated or unit_in_name(name) or default
-        if not stated:
+        if not (stated := stated or unit_in_name(name) or default):
             raise UnitError(f"the unit of the stress in column {name!r} is not known; write it as {name}:kPa")
         found.append(numbers(table, name) * convert(stated, unit))
     return found[0], found[1]
