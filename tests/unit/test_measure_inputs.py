@@ -26,9 +26,11 @@ def lines(*parts: str | Sequence[str]) -> Write:
     return lambda path: path.write_text(text, encoding="utf-8")
 
 
-def grouped(values: Sequence[float], decimal: str, thousands: str) -> list[str]:
+def grouped(decimal: str, thousands: str, sep: str) -> list[str]:
+    """Return rows of the swing in ms and thousandths, as a spreadsheet shows them."""
     signs = str.maketrans({".": decimal, ",": thousands})
-    return [f"{value:,.2f}".translate(signs) for value in values]
+    columns = ([f"{value:,.2f}".translate(signs) for value in 1000 * one] for one in (T, SWING))
+    return rows(*columns, sep=sep)
 
 
 def late_channels(delay: float) -> Write:
@@ -56,45 +58,21 @@ def nested_mat(path: Path) -> None:
     io.savemat(path, {"log": {"meta": {"who": "room 3"}, "data": {"t_s": T, "angle_deg": SWING}}})
 
 
-LOG = {
-    "mass": 0.5,
-    "run": {"entries": [{"timestamp": t, "pos": {"angle_deg": x}} for t, x in zip(T, SWING, strict=True)]},
-}
-LVM = ["LabVIEW Measurement,", "Separator,Semicolon", "Decimal_Separator,.", LVM_END.strip()]
+ENTRIES = [{"t_s": t, "pos": {"x_mm": x}} for t, x in zip(T.tolist(), SWING.tolist(), strict=True)]
+LVM = ["LabVIEW Measurement,", "Separator,Semicolon", "Decimal_Separator,.", LVM_END, "Delta_X;1", LVM_END]
+KNOCK = f"{T[-1]},{SWING[-1]},a knock"
 AGAIN = np.insert(np.arange(600), 325, 323)
 FILES: dict[str, tuple[str, Write, float]] = {  # name, file, factor from the swing to SI
-    "t/ms": ("a.csv", lines("t/ms,angle_deg", rows(1000 * T + 0.5, SWING)), np.pi / 180),
-    "Zeit in ms": ("a.csv", lines("Zeit in ms;Winkel in deg", rows(1000 * T, SWING, sep=";", comma=True)), np.pi / 180),
+    "t/ms": ("a.csv", lines("t/ms,x_mm", rows(1000 * T + 0.5, SWING)), 1e-3),
+    "Zeit in ms": ("a.csv", lines("Zeit in ms;x in mm", rows(1000 * T, SWING, sep=";", comma=True)), 1e-3),
     "nanoseconds": ("a.csv", lines("time_nanosec,x_mm", rows([f"{1e9 * t:.0f}" for t in T], SWING)), 1e-3),
-    "thousands points": (
-        "a.csv",
-        lines("Zeit [ms];Weg [µm]", rows(grouped(1000 * T, ",", "."), grouped(1000 * SWING, ",", "."), sep=";")),
-        1e-3,
-    ),
-    "thousands commas": (
-        "a.txt",
-        lines("time (ms)\tx (um)", rows(grouped(1000 * T, ".", ","), grouped(1000 * SWING, ".", ","), sep="\t")),
-        1e-3,
-    ),
-    "a separator that LabVIEW states": (
-        "a.lvm",
-        lines(LVM, "Delta_X;0.01", LVM_END, "X_Value;Angle (deg);Comment", rows(T, SWING, sep=";")),
-        np.pi / 180,
-    ),
-    "comments behind rows": (
-        "a.csv",
-        lines("t_s,x_mm", [f"{row}{',a knock' if k == 70 else ''}" for k, row in enumerate(rows(T, SWING))]),
-        1e-3,
-    ),
+    "thousands points": ("a.csv", lines("Zeit [ms];Weg [µm]", grouped(",", ".", ";")), 1e-3),
+    "thousands commas": ("a.txt", lines("time (ms)\tx (um)", grouped(".", ",", "\t")), 1e-3),
+    "LabVIEW, semicolons": ("a.lvm", lines(LVM, "X_Value;x (mm);Comment", rows(T, SWING, sep=";")), 1e-3),
+    "a comment behind a row": ("a.csv", lines("t_s,x_mm", rows(T, SWING)[:-1], KNOCK), 1e-3),
     "a bar between columns": ("a.txt", lines("t_s | x_mm", rows(T, SWING, sep=" | ")), 1e-3),
-    "JSON": ("log.json", lambda path: path.write_text(json.dumps(LOG)), np.pi / 180),
-    "lines of JSON": (
-        "log.jsonl",
-        lambda path: path.write_text(
-            "\n".join(json.dumps({"t_s": t, "x_mm": x}) for t, x in zip(T, SWING, strict=True))
-        ),
-        1e-3,
-    ),
+    "JSON": ("a.json", lines(json.dumps({"mass": 0.5, "run": {"entries": ENTRIES}})), 1e-3),
+    "lines of JSON": ("a.jsonl", lines([json.dumps(one) for one in ENTRIES]), 1e-3),
     "structs of MATLAB": ("a.mat", nested_mat, np.pi / 180),
     "an angle in a circle": ("a.csv", lines("t_s,angle_deg", rows(T, SWING % 360)), np.pi / 180),
     "a row over again": ("a.csv", lines("t_s,x_mm", rows(T[AGAIN], SWING[AGAIN])), 1e-3),

@@ -276,8 +276,7 @@ class Stretch:
     said: dict[str, str]
 
 
-_MENDED = frozenset(("response", "output"))
-"""Roles whose failed reads and turns are mended: a hammer's blows stand alone, and others unwrap what they compute."""
+_MENDED = ("response", "output")  # a hammer's blows stand alone, and who computes from others unwraps what comes
 
 
 def read_stretch(
@@ -717,8 +716,7 @@ def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
     response, drive = _motions_of(table, time, notes)
     if response is None:
         return _Guess(notes=(*notes, "no column of numbers that changes: there is nothing to go on with"))
-    roles = {"response": response} | ({} if drive is None else {"drive": drive})
-    refusal = ""
+    roles, refusal = {"response": response} | ({} if drive is None else {"drive": drive}), ""
     ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
     for gaps in ways:
         try:

@@ -90,10 +90,10 @@ def gaps_of_clock(stamps: Array, steps: Array, step: float, even: bool) -> tuple
     gaps: list[Gap] = []
     bursts = False
     for _ in range(4):
-        before = afters(gaps)
+        before = list(afters(gaps))
         gaps, bursts = _scan_pauses(stamps, steps, step, even)
         step = _common_slope(stamps, gaps)
-        if afters(gaps) == before:
+        if list(afters(gaps)) == before:
             break
     return gaps, bursts, step
 
@@ -151,13 +151,13 @@ def gaps_of_irregular(stamps: Array, steps: Array) -> list[Gap]:
     return [Gap(int(i), float(stamps[i]), float(stamps[i + 1]), round(float(steps[i]) / mean) - 1) for i in found]
 
 
-def afters(gaps: Sequence[Gap]) -> list[int]:
+def afters(gaps: Sequence[Gap]) -> NDArray[np.int64]:
     """Return the index of the last sample before each gap."""
-    return [gap.after for gap in gaps]
+    return np.array([gap.after for gap in gaps], dtype=np.int64)
 
 
 def _piece_index(samples: int, gaps: Sequence[Gap]) -> NDArray[np.int64]:
-    return np.searchsorted(np.asarray(afters(gaps), dtype=np.int64), np.arange(samples)).astype(np.int64)
+    return np.searchsorted(afters(gaps), np.arange(samples)).astype(np.int64)
 
 
 def _centred(values: Array, piece: NDArray[np.int64]) -> Array:
@@ -258,8 +258,8 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     """
     _refuse_nonsense(stamps, rows)
     steps = np.diff(stamps)
-    repeated = int((steps == 0).sum())
     clock, bursts, gaps, step, doubtful = _clock_of(stamps)
+    repeated = int((steps == 0).sum())
     if doubtful:
         at = int(np.argmax(steps == 0))
         raise TimeError(

@@ -343,7 +343,8 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
         notes = () if beside else (*_skipped(len(above)), "no header: the columns are named by their places, from 1")
         return _Layout(beside or tuple(map(str, range(1, spoken.width + 1))), step_s=step, notes=notes)
     upper_at, upper = _line_above(above, at, spoken)
-    if are_units(names) and upper_at is not None:
+    twice = len(set(names)) < len(names) and len(set(upper)) == len(upper)
+    if upper_at is not None and (are_units(names) or twice):
         names, at = [with_unit(name, unit) for name, unit in zip(upper, names, strict=True)], upper_at
         upper_at, upper = _line_above(above, at, spoken)
     header, labels = lines[held[at]], None
