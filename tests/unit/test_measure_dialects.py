@@ -100,13 +100,6 @@ def test_an_empty_line_below_every_line_is_no_missing_sample(tmp_path: Path) -> 
     assert read(tmp_path / "a.txt", rate_hz=1 / STEP)["time_s"].values == pytest.approx(TIME)
 
 
-@pytest.mark.parametrize(("name", "step_s"), [("millis", 4e-3), ("micros()", 4e-6)])
-def test_the_clock_of_a_microcontroller_states_its_unit_by_its_name(tmp_path: Path, name: str, step_s: float) -> None:
-    lines = [f"{name},angle_deg", *rows(4.0 * np.arange(N), SWING)]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(step_s * np.arange(N))
-
-
 def test_whole_stamps_without_a_unit_are_said_to_be_taken_for_seconds(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["stamp,angle_deg", *rows(4.0 * np.arange(N), SWING)]))
     notes = read(tmp_path / "a.csv").attrs["import_notes"]

@@ -69,11 +69,6 @@ def test_a_file_that_is_no_table_is_refused_with_the_reason(tmp_path: Path, cont
     assert said in str(caught.value)
 
 
-def test_an_absent_file_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"cannot read .*absent\.csv: No such file"):
-        read_table(tmp_path / "absent.csv")
-
-
 @pytest.mark.parametrize(
     ("spec", "found"),
     [

@@ -72,8 +72,7 @@ def read(
     """Return the recording, or the results, that a file holds.
 
     path: of a NetCDF file of Sinew, which knows its columns; of a text table in any dialect, a MATLAB, HDF5, TDMS,
-    UFF 58, Excel, Parquet or MCAP file, whose columns are named here; or a pandas DataFrame. `sn.look` tells what is in
-    a file.
+    UFF 58, Excel, npz, JSON, Parquet or MCAP file, whose columns are named here (`sn.look` shows them); or a DataFrame.
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several) of a table; without a unit the
     one in the column's name (angle_deg, "x [mm]") counts. A time that is the only one by its name, and a response that
     is the only other column of numbers, need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to

@@ -113,7 +113,7 @@ def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, tuple[str, st
     """Return (columns with their unit, and the SI unit, by "role/kind/axis"; names of the bodies by role)."""
     if asked.yaw is not None:
         return {"yaw": (asked.yaw, "rad")}, {}
-    sensors, markers = _sensors(table), _markers(table)
+    sensors, markers = _whole_ones(table)
     names = {role: asked.bodies.get(role) or _usual(role, sensors, markers) for role in _USUAL}
     if not asked.bodies and not any(names.values()) and len(sensors) == 1:
         names["pelvis"] = next(iter(sensors))
@@ -133,24 +133,18 @@ def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, tuple[str, st
     return found, chosen
 
 
-def _sensors(table: Table) -> dict[str, dict[str, str]]:
-    """Return the columns "gyr/x" ... "acc/z" of each inertial sensor that is whole, by its name."""
-    found: dict[str, dict[str, str]] = {}
+def _whole_ones(table: Table) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
+    """Return the columns "gyr/x" ... "acc/z" of each inertial sensor, "x" ... "z" of each marker, that is whole."""
+    sensors: dict[str, dict[str, str]] = {}
+    markers: dict[str, dict[str, str]] = {}
     for column in map(str, table.columns):
-        match = _SENSOR.match(column)
-        if match:
+        if match := _SENSOR.match(column):
             kind = "gyr" if match["gyr"] else "acc"
-            found.setdefault(match["stem"] or "sensor", {})[f"{kind}/{match['axis'].lower()}"] = column
-    return {stem: columns for stem, columns in found.items() if len(columns) == 6}
-
-
-def _markers(table: Table) -> dict[str, dict[str, str]]:
-    found: dict[str, dict[str, str]] = {}
-    for column in map(str, table.columns):
-        match = _MARKER.match(column)
-        if match and not _SENSOR.match(column):
-            found.setdefault(match["stem"], {})[match["axis"].lower()] = column
-    return {stem: columns for stem, columns in found.items() if len(columns) == 3}
+            sensors.setdefault(match["stem"] or "sensor", {})[f"{kind}/{match['axis'].lower()}"] = column
+        elif match := _MARKER.match(column):
+            markers.setdefault(match["stem"], {})[match["axis"].lower()] = column
+    whole = [{stem: one for stem, one in found.items() if len(one) == n} for found, n in ((sensors, 6), (markers, 3))]
+    return whole[0], whole[1]
 
 
 def _usual(role: str, sensors: Mapping[str, object], markers: Mapping[str, object]) -> str | None:
