@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from tests.tables import rows
 
@@ -108,6 +109,11 @@ def test_a_line_that_is_no_row_is_left_out_and_shown(tmp_path: Path) -> None:
 
 def test_two_columns_of_one_name_are_numbered(tmp_path: Path) -> None:
     assert list(read_table(table_file(tmp_path, "t,a,a\n0,1,2\n1,2,3\n")).columns) == ["t", "a", "a 2"]
+
+
+def test_a_word_among_decimal_commas_leaves_the_numbers_that_they_are(tmp_path: Path) -> None:
+    table = read_table(table_file(tmp_path, "t;a\n0,0;1,5\n0,1;oops\n0,2;2,5\n0,3;1.003,5\n0,4;4\n0,5;5\n"))
+    assert pd.to_numeric(table["a"], errors="coerce").dropna().tolist() == [1.5, 2.5, 1003.5, 4, 5]
 
 
 @pytest.mark.parametrize(("cell", "said"), [("oops", "'oops'"), ("", "NaN or an empty cell"), ("inf", "infinity")])

@@ -33,10 +33,6 @@ def test_slightly_jittering_stamps_are_kept_as_they_are_and_their_jitter_is_meas
     assert timeline.diagnosis.jitter_s == pytest.approx(5e-4, rel=0.1)
 
 
-def test_one_missing_sample_is_no_gap() -> None:
-    assert diagnose_times(np.delete(EVEN, 400)).gaps == ()
-
-
 def test_several_gaps_are_found_one_by_one() -> None:
     gaps = diagnose_times(np.delete(EVEN, np.r_[300:310, 320:350, 700:705])).gaps
     assert [(gap.after, gap.missing) for gap in gaps] == [(299, 10), (309, 30), (659, 5)]

@@ -626,19 +626,19 @@ def look(
     words = ["sinew", "analyse", str(path), *([] if len(runs) == 1 else ["--run", str(chosen)])]
     if columns is not None:
         words += ["--columns", columns if isinstance(columns, str) else ",".join(columns)]
-    guess = _guess(table, words, rate_hz)
-    return Looked(
+    looked = Looked(
         file=path.name,
         format=opened.form,
         runs=runs,
         run=next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), ""),
         rows=len(table),
         columns=Rows(_column(table, k) for k in range(table.shape[1])),
-        time=guess.timing,
-        notes=tuple(dict.fromkeys((*notes_of(table), *guess.notes))),
-        missing=guess.missing,
-        command=guess.command,
+        time=None,
+        notes=notes_of(table),
+        missing=(),
+        command=None,
     )
+    return _with_command(looked, table, words, rate_hz)
 
 
 def _look_at_recording(path: Path) -> Looked:
@@ -692,29 +692,23 @@ def _scaled(values: Array) -> Array:
 # What to go on with.
 
 
-@dataclass(frozen=True)
-class _Guess:
-    """The command to go on with, or None; what it lacks; what the time is like; notes."""
+def _with_command(looked: Looked, table: Table, words: Sequence[str], rate_hz: float | None) -> Looked:
+    """Return what was found with the command to go on, what it lacks, what the time is like, and notes on it.
 
-    command: str | None = None
-    missing: tuple[str, ...] = ()
-    timing: LookedTime | None = None
-    notes: tuple[str, ...] = ()
-
-
-def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
-    """Return how to go on: words begin the command, the columns of time, response and drive are added to it."""
-    notes: list[str] = []
+    words: begin the command; the columns of time, response and drive are added to them.
+    """
+    notes = list(looked.notes)
     over = over_frequency(table) if rate_hz is None else None
     if over is not None:
-        return _Guess(notes=(no_record(table, over),))
+        return replace(looked, notes=(*notes, no_record(table, over)))
     time = _time_of(table, notes) if rate_hz is None else None
     missing = ("--rate HZ",) if time is None and rate_hz is None else ()
     if missing:
         notes.append("no column holds times: write the samples per second for HZ")
     response, drive = _motions_of(table, time, notes)
     if response is None:
-        return _Guess(notes=(*notes, "no column of numbers that changes: there is nothing to go on with"))
+        notes.append("no column of numbers that changes: there is nothing to go on with")
+        return replace(looked, notes=tuple(notes))
     roles, refusal = {"response": response} | ({} if drive is None else {"drive": drive}), ""
     ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
     for gaps in ways:
@@ -726,12 +720,13 @@ def _guess(table: Table, words: Sequence[str], rate_hz: float | None) -> _Guess:
         if gaps != "bridge" or _short_gaps(found.timeline.time_s, found.values["response"]):
             break
     else:
-        return _Guess(None, missing, None, (*notes, refusal))
+        return replace(looked, missing=missing, notes=(*notes, refusal))
     words = [*words, *(["--time", time] if time is not None else ["--rate", f"{rate_hz:g}" if rate_hz else "HZ"])]
     words += ["--response", response, *(() if drive is None else ("--drive", drive))]
     words += [] if gaps == "refuse" else ["--gaps", gaps]
-    notes += [note for note in found.notes if note not in notes]
-    return _Guess(shlex.join(words), missing, None if time is None else _timing(found, time), tuple(notes))
+    timing = None if time is None else _timing(found, time)
+    notes = list(dict.fromkeys((*notes, *found.notes)))
+    return replace(looked, notes=tuple(notes), time=timing, missing=missing, command=shlex.join(words))
 
 
 def _time_of(table: Table, notes: list[str]) -> str | None:
@@ -791,10 +786,10 @@ def _motions_of(table: Table, time: str | None, notes: list[str]) -> tuple[str |
     if drive is not None:
         notes.append(f"{drive!r} is taken for the drive, by its name; choose with --drive")
     if len(others) > 1:
-        why = "swings most clearly" if len(by_name) != 1 else "says so by its name"
+        why = "for it swings most clearly" if len(by_name) != 1 else "by its name"
         rest = listed([name for name in others if name != best], 4)
         driven = "" if drive is not None else "; where another column drove it, name that too: --drive COL"
-        notes.append(f"{best!r} {why} and is taken for the response, before {rest}; choose with --response{driven}")
+        notes.append(f"{best!r} is taken for the response, {why}, before {rest}; choose with --response{driven}")
     return best, drive
 
 

@@ -256,8 +256,18 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     Raises TimeError for fewer than 8 stamps, time that goes backwards, and repeated stamps without a
     regular clock behind them that could say which is which.
     """
-    _refuse_nonsense(stamps, rows)
+    if stamps.size < FEWEST_SAMPLES:
+        raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
     steps = np.diff(stamps)
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        i = int(back[0])
+        raise TimeError(
+            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
+            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
+        )
+    if stamps[-1] == stamps[0]:
+        raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
     clock, bursts, gaps, step, doubtful = _clock_of(stamps)
     repeated = int((steps == 0).sum())
     if doubtful:
@@ -356,20 +366,6 @@ def _spread(stamps: Array) -> Array:
     size = np.repeat(count, count)
     place = np.arange(stamps.size) - np.repeat(starts, count)
     return np.asarray(stamps + least * ((place + 0.5) / size - 0.5), dtype=float)
-
-
-def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
-    if stamps.size < FEWEST_SAMPLES:
-        raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
-    back = np.flatnonzero(np.diff(stamps) < 0)
-    if back.size:
-        i = int(back[0])
-        raise TimeError(
-            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
-            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
-        )
-    if stamps[-1] == stamps[0]:
-        raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
 
 def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> Mask:

@@ -194,6 +194,12 @@ class _Dialect:
         cells = _fields(line, self.separator)
         return cells + [""] * (self.width - len(cells))
 
+    def plain(self, cell: Any) -> Any:
+        """Return a number as text with a decimal point and no other mark; anything else as it is."""
+        if isinstance(cell, str) and _PATTERNS[self.decimal, self.thousands].fullmatch(cell.strip()):
+            return cell.replace(self.thousands, "").replace(self.decimal, ".")
+        return cell
+
     def is_row(self, line: str, alike: bool = False) -> bool:
         """Return whether a line is a row of numbers: one at least, and no text in a column of numbers.
 
@@ -343,15 +349,14 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
         notes = () if beside else (*_skipped(len(above)), "no header: the columns are named by their places, from 1")
         return _Layout(beside or tuple(map(str, range(1, spoken.width + 1))), step_s=step, notes=notes)
     upper_at, upper = _line_above(above, at, spoken)
-    twice = len(set(names)) < len(names) and len(set(upper)) == len(upper)
-    if upper_at is not None and (are_units(names) or twice):
+    alike = len(set(names)) < len(names) and len(set(upper)) == len(upper)
+    if upper_at is not None and (are_units(names) or alike):
         names, at = [with_unit(name, unit) for name, unit in zip(upper, names, strict=True)], upper_at
         upper_at, upper = _line_above(above, at, spoken)
     header, labels = lines[held[at]], None
     if "Y_Unit_Label" in facts and names[0] == "X_Value":
-        names = [
-            with_unit(name, unit) for name, unit in zip(names, ["s", *facts["Y_Unit_Label"], *names], strict=False)
-        ]
+        units = ["s", *facts["Y_Unit_Label"], *[""] * len(names)]
+        names = [with_unit(name, unit) for name, unit in zip(names, units, strict=False)]
     elif upper_at is not None and len(set(filter(None, upper))) < spoken.width:
         at, filled = upper_at, _filled(upper)
         if repeats_itself(filled, names):
@@ -445,6 +450,9 @@ def _parsed(source: str, lines: list[str], spoken: _Dialect, layout: _Layout) ->
                 widest = max(len(_fields(line, spoken.separator)) for line in lines)
                 if attempt or widest > 2 * spoken.width + 8:
                     raise FileError(f"{source} is not a table of {spoken.width} columns ({reason})") from error
+    for column in spoken.solid:
+        if frame[column].dtype.kind not in "fiub":  # a word among numbers, which come as they are written then
+            frame[column] = frame[column].map(spoken.plain)
     extra = pd.to_numeric(frame.iloc[:, spoken.width :].stack(), errors="coerce").dropna().index.get_level_values(0)
     words = {column: _texts(frame[column]) for column in (*spoken.solid, *spoken.empty)}
     some = np.any([frame[column].notna().to_numpy() & ~words[column] for column in spoken.solid], axis=0)
@@ -452,10 +460,9 @@ def _parsed(source: str, lines: list[str], spoken: _Dialect, layout: _Layout) ->
     notes = list(layout.notes)
     if bad.any():
         first = int(np.argmax(bad))
-        shown = (
-            f", the first is data row {first + 1}: {lines[first].strip()[:60]!r}" if len(frame) == len(lines) else ""
-        )
-        notes.append(f"{bad.sum()} line{'s' if bad.sum() > 1 else ''} of no numbers left out{shown}")
+        shown = f": {lines[first].strip()[:60]!r}" if len(frame) == len(lines) else ""
+        s = "s" if bad.sum() > 1 else ""
+        notes.append(f"{bad.sum()} line{s} of no numbers left out, the first is data row {first + 1}{shown}")
         frame[bad] = np.nan
         frame = frame.infer_objects()
         for column in spoken.solid:
