@@ -70,6 +70,8 @@ FILES: dict[str, tuple[str, Write, float]] = {  # name, file, factor from the sw
     "thousands commas": ("a.txt", lines("time (ms)\tx (um)", grouped(".", ",", "\t")), 1e-3),
     "LabVIEW, semicolons": ("a.lvm", lines(LVM, "X_Value;x (mm);Comment", rows(T, SWING, sep=";")), 1e-3),
     "a comment behind a row": ("a.csv", lines("t_s,x_mm", rows(T, SWING)[:-1], KNOCK), 1e-3),
+    "an index without a name": ("a.csv", lines(",t_s,x_mm", rows(np.arange(600), T, SWING)), 1e-3),
+    "a counter of 32 bits": ("a.csv", lines("micros,x_mm", rows((4.294e9 + 1e6 * T) % 2**32, SWING)), 1e-3),
     "a bar between columns": ("a.txt", lines("t_s | x_mm", rows(T, SWING, sep=" | ")), 1e-3),
     "JSON": ("a.json", lines(json.dumps({"mass": 0.5, "run": {"entries": ENTRIES}})), 1e-3),
     "lines of JSON": ("a.jsonl", lines([json.dumps(one) for one in ENTRIES]), 1e-3),

@@ -643,10 +643,9 @@ def look(
 
 def _look_at_recording(path: Path) -> Looked:
     dataset = load_dataset(path)
-    table = pd.DataFrame(
-        {name: dataset[name].values for name in dataset.data_vars if dataset[name].dims == ("sample",)}
-    )
-    columns = (_column(table, place) for place in range(table.shape[1]))
+    samples = [name for name in dataset.data_vars if dataset[name].dims == ("sample",)]
+    table = pd.DataFrame({name: dataset[name].values for name in samples})
+    columns = (_column(table, k) for k in range(table.shape[1]))
     kinds = sorted(set(map(str, dataset["kind"].values))) if "kind" in dataset else []
     return Looked(
         file=path.name,
@@ -736,7 +735,7 @@ def _time_of(table: Table, notes: list[str]) -> str | None:
     if name is None and table.shape[1] > 1:
         first = pd.to_numeric(table.iloc[:, 0], errors="coerce").to_numpy(dtype=float)
         steps = np.diff(first[np.isfinite(first)])
-        if steps.size > 8 and (steps >= 0).all() and (steps > 0).mean() > 0.5:
+        if steps.size > 8 and (steps >= 0).all() and (steps > 0).mean() > 0.5 and (steps != 1).any():  # no counter
             name = str(table.columns[0])
             notes.append(f"no column is the time by its name; {name!r} rises all the way and is taken for it")
     if name is None:

@@ -520,7 +520,9 @@ def with_restarts(opened: Opened, time: str | None) -> Opened:
     if not starts.size or not (steps > 0).any():
         return opened
     edges = [0, *map(int, starts), len(table)]
-    anew = bool((stamps[starts] <= stamps[known[0]] + 2.0 * float(np.median(steps[steps > 0]))).all())
+    beyond, most = stamps[starts] - stamps[known[0]], 2.0 * float(np.median(steps[steps > 0]))
+    lasts = float(np.nanmax(stamps) - stamps[known[0]])  # a counter that overflows goes back by far more
+    anew = bool(((beyond <= most) & (beyond >= -lasts - most)).all())
     if not anew or min(np.diff(edges)) < _FEWEST_ROWS:
         return opened
     note = f"its time starts anew {starts.size} times"

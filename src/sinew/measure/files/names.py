@@ -95,12 +95,12 @@ def is_unit(text: str) -> bool:
 
 
 def are_units(cells: Sequence[str]) -> bool:
-    """Return whether a line holds units and nothing else: one of time among them, or all in brackets."""
+    """Return whether a line holds units and nothing else: one of time, two in common use, or all in brackets."""
     texts = [cell.strip() for cell in cells if cell.strip()]
     bare = [text.strip("[]()").strip() for text in texts]
     boxed = all(text[0] in "[(" and text[-1] in ")]" for text in texts)
-    timed = any(text.lower() in _CLOCKS for text in bare)
-    return bool(texts) and (boxed or timed) and all(map(is_unit, texts))
+    sure = any(text.lower() in _CLOCKS for text in bare) or (len(bare) > 1 and _UNITS.issuperset(bare))
+    return bool(texts) and (boxed or sure) and all(map(is_unit, texts))
 
 
 def with_unit(name: str, unit: str | None) -> str:

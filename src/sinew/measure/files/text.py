@@ -285,7 +285,7 @@ def _rivals(cells: Sequence[Sequence[str]], separator: str | None) -> list[tuple
         signs = set("".join("".join(row) for row in rows))
         for decimal, thousands in _MARKS:
             needless = (decimal == "," or bool(thousands)) and not {decimal, *thousands} & {",", thousands} <= signs
-            if needless or (separator is not None and separator in (decimal, thousands)):
+            if needless or separator in (decimal, thousands):
                 continue
             values = np.array([[is_value(cell, decimal, thousands) for cell in row] for row in rows])
             share = values.sum(axis=0) / np.maximum(held.sum(axis=0), 1)
@@ -366,6 +366,7 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
             pairs = zip(filled, names, strict=True)
             names = [f"{label}: {name}" if label and name in twice else name for label, name in pairs]
     start_s = float(begin) if is_value(begin) else 0.0
+    names = [name or (str(k + 1) if k in spoken.solid else "") for k, name in enumerate(names)]
     notes, fresh = _skipped(at), list(names) if labels else unlike(list(names))
     if fresh != list(names):
         notes = (*notes, f"columns of one name are numbered: {', '.join(n for n in fresh if n not in names)}")
@@ -390,11 +391,11 @@ def _line_above(above: Sequence[Sequence[str]], before: int, spoken: _Dialect) -
         cells = list(above[at])
         if all(_RULE.fullmatch(cell) for cell in cells if cell):
             continue
-        if len(cells) == spoken.width + 1:  # the name of a last column that is empty, or a blank
+        if len(cells) == spoken.width + 1 and spoken.separator:  # the name of a last column that is empty, or a blank
             cells = cells[:-1]
         over = [cells[k] for k in spoken.solid]
         named = any(map(_LETTER.search, over)) and not any(is_value(cell, spoken.decimal) for cell in over)
-        enough = len([cell for cell in cells if cell]) > 1 or spoken.width == 1 or len(spoken.solid) == 1
+        enough = len([cell for cell in cells if cell]) > 1 or bool(over[-1])
         return (at, cells) if len(cells) == spoken.width and named and enough else (None, [])
     return None, []
 
@@ -470,7 +471,7 @@ def _parsed(source: str, lines: list[str], spoken: _Dialect, layout: _Layout) ->
                 frame[column] = values
     frame = frame.iloc[:, : spoken.width].set_axis(pd.Index(layout.names), axis=1)
     nothing = frame.isna().all().to_numpy()
-    nameless = np.array([not name or (not layout.header and name.isdecimal()) for name in layout.names])
+    nameless = np.array([not name or name.isdecimal() for name in layout.names])
     frame = _held_rows(noted(frame, *notes))
     spare = nothing & (nameless | np.array([name in ("Comment", "X_Value", "X_Value [s]") for name in layout.names]))
     frame = frame.loc[:, ~spare]
