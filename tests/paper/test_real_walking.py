@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinew.measure.files.csv import read_walk
+from sinew.measure.files.walk import read_walk
 from sinew.tune.gait import BodyMotion, BoutGait, WalkGait, body_motion, estimate_gait, target_of_walks
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -14,10 +14,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinew.measure.errors import FileError, SinewError, UnitError
-from sinew.measure.files.csv import find_columns, numbers, read_table
 from sinew.measure.files.formats import export_recording
+from sinew.measure.files.names import find_columns
 from sinew.measure.files.netcdf import load_recording, provenance, save_recording
-from sinew.measure.read import read
+from sinew.measure.read import numbers, read, read_table
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.units import canonical_unit, convert
 

@@ -22,9 +22,7 @@ from tests.unit.dialects import (
 )
 
 from sinew.measure.errors import SinewError
-from sinew.measure.files.csv import read_table
-from sinew.measure.files.runs import notes_of
-from sinew.measure.read import look, read
+from sinew.measure.read import look, read, read_table
 from sinew.measure.units import canonical_unit
 
 ALL = [pytest.param(one, id=one.name) for one in DIALECTS]
@@ -56,26 +54,11 @@ def test_a_file_that_leaves_a_doubt_is_refused_with_the_option_that_settles_it(
     assert "\n" not in str(caught.value)
 
 
-def test_there_are_fifteen_dialects_of_text_and_every_format() -> None:
-    assert len(TEXTS) >= 15
-    assert {Path(one.name).suffix for one in BINARIES} == {".mat", ".h5", ".tdms", ".uff", ".xlsx", ".parquet", ".mcap"}
-
-
 def test_look_says_what_only_its_reader_knows(tmp_path: Path) -> None:
     (angles,) = [one for one in TEXTS if one.name == "angles_only.txt"]
     found = look(written(angles, tmp_path)).to_dict()
     assert found["missing"] == ["--rate HZ"]
     assert shlex.split(found["command"])[3:5] == ["--rate", "HZ"]
-
-
-def test_a_preamble_that_was_left_out_is_told(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("Logger 3\nroom 7\nt,x\n" + "".join(f"{i},{i}\n" for i in range(9)))
-    assert "2 lines above the table left out" in notes_of(read_table(tmp_path / "a.csv"))
-
-
-def test_columns_without_a_header_are_named_by_their_places(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("".join(f"{i / 100},{i}\n" for i in range(9)))
-    assert list(read_table(tmp_path / "a.csv").columns) == ["1", "2"]
 
 
 def test_names_for_all_columns_must_be_as_many_as_there_are(tmp_path: Path) -> None:
@@ -115,13 +98,6 @@ def test_missing_samples_keep_their_place_where_the_time_is_counted(tmp_path: Pa
 def test_an_empty_line_below_every_line_is_no_missing_sample(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_bytes("\r\r\n".join(["angle_deg", *rows(SWING)]).encode())
     assert read(tmp_path / "a.txt", rate_hz=1 / STEP)["time_s"].values == pytest.approx(TIME)
-
-
-@pytest.mark.parametrize(("name", "step_s"), [("millis", 4e-3), ("micros()", 4e-6)])
-def test_the_clock_of_a_microcontroller_states_its_unit_by_its_name(tmp_path: Path, name: str, step_s: float) -> None:
-    lines = [f"{name},angle_deg", *rows(4.0 * np.arange(N), SWING)]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(step_s * np.arange(N))
 
 
 def test_whole_stamps_without_a_unit_are_said_to_be_taken_for_seconds(tmp_path: Path) -> None:
@@ -182,10 +158,13 @@ def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) ->
         (b"SQLite format 3\0" + bytes(99), "ros2 bag convert"),
         (b"#ROSBAG V2.0\n" + bytes(99), "mcap convert"),
         (b"CDF\x01" + bytes(99), "export it as CSV"),
-        (b"PAR1" + bytes(99), "a Parquet file, and cannot be read"),
-        (b"TDSm" + bytes(99), "TDMS, a file of LabVIEW, and cannot be read"),
-        (b"\x89MCAP0\r\n" + bytes(99), r"MCAP file \(rosbag2\), and cannot be read"),
-        (b"MATLAB 5.0 MAT-file" + bytes(300), "MATLAB, and cannot be read"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
+        (b'{"entries": [{"t": 0.0, "x"', "begins as JSON but cannot be read, it is cut short"),
+        (b'{"mass": 0.5}', "JSON without a list of samples"),
+        (b"PAR1" + bytes(99), "begins as a Parquet file but cannot be read, it is cut short"),
+        (b"TDSm" + bytes(99), "begins as TDMS, a file of LabVIEW but cannot be read"),
+        (b"\x89MCAP0\r\n" + bytes(99), r"MCAP file \(rosbag2\) but cannot be read"),
+        (b"MATLAB 5.0 MAT-file" + bytes(300), "MATLAB but cannot be read"),
     ],
 )
 def test_a_damaged_or_foreign_file_is_refused_by_its_kind(tmp_path: Path, head: bytes, said: str) -> None:

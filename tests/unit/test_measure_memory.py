@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError
-from sinew.measure.files.csv import read_table
 from sinew.measure.files.netcdf import load_dataset
+from sinew.measure.read import read_table
 from sinew.measure.validation import most_bytes
 
 GIB = 1 << 30

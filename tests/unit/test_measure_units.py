@@ -6,16 +6,8 @@ import time
 import pytest
 
 from sinew.measure.errors import UnitError
-from sinew.measure.units import (
-    canonical_unit,
-    convert,
-    local_time,
-    number_list,
-    one_number,
-    unit_in_name,
-    unit_suffix,
-    with_unit,
-)
+from sinew.measure.files.names import role_of, unit_in_name, unit_suffix
+from sinew.measure.units import canonical_unit, convert, local_time, number_list, one_number, with_unit
 
 DEGREE = math.pi / 180
 
@@ -98,6 +90,33 @@ def test_a_conversion_between_dimensions_is_refused_naming_both() -> None:
 )
 def test_a_column_name_states_a_unit_only_where_that_is_clear(column: str, unit: str | None) -> None:
     assert unit_in_name(column) == unit
+
+
+TIMES = {
+    "ms": ["t/ms", "Zeit / ms", "Time, ms", "t in ms", "time.ms", "TIME:ms", "Time(ms)", "msec", "elapsed_millis"],
+    "us": ["stamp_us", "micros()"],
+    "ns": ["timestamp_ns", "time_nanosec"],
+    "min": ["t (min)"],
+    None: ["__time", "X_Value", "Time from start"],
+}
+
+
+@pytest.mark.parametrize(("unit", "name"), [(unit, name) for unit, names in TIMES.items() for name in names])
+def test_every_usual_way_to_write_the_unit_of_a_time_is_read(unit: str | None, name: str) -> None:
+    assert (unit_in_name(name), role_of(name)) == (unit, "time")
+
+
+ROLES = {
+    "drive": [("Kraft in N", "N"), ("goalPosition", None), ("set point", None)],
+    "response": [("Gyroscope x (rad/s)", "rad/s"), ("/joint/angle", None), ("angle_min", None)],
+    "none": [("input_volts", None), ("servo_id", None)],
+    "": [("a/m/s2", "m/s2"), ("time_of_flight_mm", "mm"), ("inputs", None)],
+}
+
+
+@pytest.mark.parametrize(("role", "name"), [(role, name) for role, names in ROLES.items() for name in names])
+def test_whole_words_say_what_a_column_is(role: str, name: tuple[str, str | None]) -> None:
+    assert (role_of(name[0]), unit_in_name(name[0])) == (role, name[1])
 
 
 @pytest.mark.parametrize("unit", ["rad", "rad/s", "m", "m/s2", "N*m", "V", "s"])

@@ -41,8 +41,8 @@ from sinew.analysis.tracked import find_tracking
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite
-from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_part, load_recording, provenance
+from sinew.measure.read import refuse_bridge
 from sinew.measure.recording import (
     ENERGY_QUANTITIES,
     FEWEST_FREQUENCIES,

@@ -1,41 +1,58 @@
-"""Whatever file holds a measurement, read or looked into: a recording or results of Sinew, or somebody's table."""
+"""Whatever file holds a measurement, read: a recording or results of Sinew, or columns of somebody's table over time.
+
+Columns are named by specifications "COL" or "COL:unit" (see `find_columns`). Without a unit, the one in the column's
+own name counts ("angle_deg", "x [mm]"), else 1, and seconds for time.
+"""
 
 import math
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.measure.errors import FileError, RecordingError, SchemaError, SinewError, SpecError, UnitError
+from sinew.measure.errors import FileError, RecordingError, SchemaError, SpecError, UnitError
 from sinew.measure.estimate import finite, number
-from sinew.measure.files.csv import (
-    ColumnNames,
-    Stretch,
+from sinew.measure.files.formats import choose_run, open_file, with_restarts
+from sinew.measure.files.names import (
     Table,
-    opened_table,
-    read_stretch,
-    read_table,
-    read_time,
-    refuse_bridge,
+    find_columns,
+    is_time_name,
+    listed,
+    number_columns,
+    over_frequency,
+    quantity,
+    role_of,
+    says,
+    time_columns,
+    unit_in_name,
 )
 from sinew.measure.files.netcdf import has_schema, is_netcdf, load_dataset, load_recording, load_results, provenance
-from sinew.measure.files.runs import RunChoice, bare_name, notes_of, number_columns, time_columns
+from sinew.measure.files.text import STAMP, Opened, Run, notes_of
 from sinew.measure.recording import IMPORT_SEGMENTS, ReadKind, Segment, build_recording, cut_recording
 from sinew.measure.result import Detail, Field, Result, Rows
 from sinew.measure.result import Table as ShownTable
-from sinew.measure.timing import Gaps, diagnose_times
-from sinew.measure.units import unit_in_name
-from sinew.measure.validation import as_path
+from sinew.measure.timing import Gaps, Timeline, choose_stretch, mend_stamps, mend_values, straighten_times
+from sinew.measure.units import canonical_unit, convert
+from sinew.measure.validation import as_path, as_seconds
+
+ColumnNames: TypeAlias = str | Sequence[str] | None
+RunChoice: TypeAlias = int | str | None
 
 _TABLES_IN_HDF5 = frozenset((".h5", ".hdf5", ".hdf", ".he5", ".mat"))
+_SPARSE = 0.2  # of the rows: so many that hold other columns' samples make a table sparse
+_MOST_TEXT = 0.1  # of the cells of a column: more that are no numbers are no accidents
+_RATE_OFF = 0.01  # of the rate: how far the stamps' own may be from the one that was given
+_SUSPECT_STEP_S = 5.0  # whole numbers so far apart are hardly seconds
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # since 1970, by the size of the number
 
 
 def read(
@@ -55,8 +72,7 @@ def read(
     """Return the recording, or the results, that a file holds.
 
     path: of a NetCDF file of Sinew, which knows its columns; of a text table in any dialect, a MATLAB, HDF5, TDMS,
-    UFF 58, Excel, Parquet or MCAP file, whose columns are named here; or a pandas DataFrame. `sn.look` tells what is in
-    a file.
+    UFF 58, Excel, npz, JSON, Parquet or MCAP file, whose columns are named here (`sn.look` shows them); or a DataFrame.
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several) of a table; without a unit the
     one in the column's name (angle_deg, "x [mm]") counts. A time that is the only one by its name, and a response that
     is the only other column of numbers, need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to
@@ -89,17 +105,9 @@ def read(
         raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
     if gaps == "bridge":
         refuse_bridge(kind)
-    found = read_stretch(
-        path,
-        {"response": response} | ({"drive": drive} if drive else {}),
-        time=time,
-        rate_hz=rate_hz,
-        run=run,
-        columns=columns,
-        start_s=start_s,
-        stop_s=stop_s,
-        gaps=gaps,
-    )
+    table = read_table(path, run=run, columns=columns, time=time)
+    roles = {"response": response} | ({"drive": drive} if drive else {})
+    found = read_stretch(table, roles, time, rate_hz, (start_s, stop_s), gaps=gaps)
     attrs = {
         "import_file": "" if isinstance(path, pd.DataFrame) else as_path(path).name,
         **{f"import_{role}": found.specs.get(role, "") for role in ("time", "response", "drive")},
@@ -116,7 +124,7 @@ _RATE_NOTE = (
 )
 
 
-def _recorded(found: Stretch, kind: ReadKind, attrs: Mapping[str, Any]) -> xr.Dataset:
+def _recorded(found: "Stretch", kind: ReadKind, attrs: Mapping[str, Any]) -> xr.Dataset:
     """Return a stretch of a table as a recording, a segment for each of its pieces.
 
     An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else `response` (`drive`) in SI units. An angular
@@ -152,19 +160,373 @@ def is_recording(file: Path) -> bool:
         return False  # the reader of tables says why
 
 
+def refuse_bridge(kind: ReadKind) -> None:
+    """Raise RecordingError where a record of a kind whose analysis needs even samples is bridged over its gaps."""
+    if IMPORT_SEGMENTS[kind] != "ring-down":
+        raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
+
+
+# A table as it is.
+
+
+def read_table(
+    path: "Path | str | Table", *, run: RunChoice = None, columns: ColumnNames = None, time: str | None = None
+) -> Table:
+    """Return the table of a file as a DataFrame, columns named by its header; a DataFrame is one already.
+
+    path: of any file that `sinew.measure.files.formats` opens. run: which, by number from 1 or name, of a file that
+    holds several. columns: names for all columns, in order, instead of the file's; a table without header has the
+    places from "1". time: specification of the time column, where one that starts anew is to part runs; else it is
+    known by its name. `sinew.measure.files.text.notes_of` has what was done. Cells are not judged here: see `numbers`.
+    Raises FileError for a file that is absent, empty, unknown or holds no table, RecordingError for a run that is not
+    there, or none named of several.
+    """
+    if isinstance(path, pd.DataFrame):
+        if run is not None:
+            raise SpecError("a DataFrame is one run; leave run out")
+        table = path.set_axis([str(name) for name in path.columns], axis=1).reset_index(drop=True)
+        return table if columns is None else _renamed(table, columns)
+    path = as_path(path)
+    return choose_run(opened_table(path, columns, time), run, path.name)
+
+
+def opened_table(path: Path, columns: ColumnNames = None, time: str | None = None) -> Opened:
+    """Return the runs of a file, their columns named anew where names are given; arguments as of `read_table`."""
+    opened = open_file(path, None if columns is None else len(_split(columns)))
+    if columns is not None:
+        opened = Opened(opened.form, tuple(Run(one.name, _renamed(one.table, columns)) for one in opened.runs))
+    return with_restarts(opened, time)
+
+
+def _split(columns: str | Sequence[str]) -> list[str]:
+    return [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+
+
+def _renamed(table: Table, columns: str | Sequence[str]) -> Table:
+    names = _split(columns)
+    if len(names) != table.shape[1] or len(set(names)) < len(names) or not all(names):
+        raise SpecError(
+            f"columns names {', '.join(names)}, expected a name of its own for each of the {table.shape[1]} columns: "
+            f"{listed(table.columns)}"
+        )
+    return table.set_axis(pd.Index(names), axis=1)
+
+
+def numbers(table: Table, name: str) -> NDArray[np.float64]:
+    """Return the numbers of one column as float64, shape (n,).
+
+    Raises RecordingError naming the first data row (from 1, below the header) that is empty, NaN, infinite or text.
+    """
+    values = _coerced(table[name])
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise RecordingError(
+            f"{_bad_cell(table[name], int(bad[0]))} ({bad.size} such rows in all); fill in or remove them"
+        )
+    return values
+
+
+def _coerced(column: "pd.Series") -> NDArray[np.float64]:
+    """Return the numbers of a column, NaN for what is none. Raises RecordingError for dates."""
+    if _holds_dates(column):
+        raise RecordingError(
+            f"column {column.name!r} holds dates or durations, expected numbers; they can only be the time"
+        )
+    return np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float)
+
+
+def _bad_cell(column: "pd.Series", place: int) -> str:
+    cell = column.iloc[place]
+    row = int(_rows(column)[place])
+    if isinstance(cell, str):
+        hint = "; if this row holds units, delete it and write COLUMN:unit instead" if row == 1 else ""
+        return f"column {column.name!r} holds {cell!r} in data row {row}, expected a number{hint}"
+    what = "infinity" if isinstance(cell, float) and math.isinf(cell) else "NaN or an empty cell"
+    return f"column {column.name!r} holds {what} in data row {row}"
+
+
+def _rows(table: "Table | pd.Series") -> NDArray[np.int64]:
+    """Return the data rows, counted in the file from 1: they keep their numbers where others were left out."""
+    whole = table.index.dtype.kind in "iu"
+    return np.asarray(table.index if whole else np.arange(len(table)), dtype=np.int64) + 1
+
+
+def _holds_dates(column: "pd.Series") -> bool:
+    return column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype)
+
+
+# A stretch of it: its columns found, its time read, rows that are no measurement mended or left out.
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Columns of a table over a stretch of time.
+
+    timeline: its time [s], the pieces that its gaps make and what was found. values: by role, shape (n,), in SI units
+    and radians; units: of them. specs: which columns these are, by role and "time". notes: what was done. said: the
+    units that the columns came in, by role.
+    """
+
+    timeline: Timeline
+    values: dict[str, Array]
+    units: dict[str, str]
+    specs: dict[str, str]
+    notes: tuple[str, ...]
+    said: dict[str, str]
+
+
+_MENDED = ("response", "output")  # a hammer's blows stand alone, and who computes from others unwraps what comes
+
+
+def read_stretch(
+    table: Table,
+    roles: Mapping[str, str | None],
+    time: str | None,
+    rate_hz: float | None,
+    between_s: tuple[float | None, float | None] = (None, None),
+    samples: tuple[int, int | None] | None = None,
+    gaps: Gaps = "refuse",
+) -> Stretch:
+    """Return columns of a table, by role, over a stretch of time.
+
+    roles: specifications of the columns; that of the first role may be None: then it is the only column of numbers that
+    is left, or has to be named. time: of the time, None to know it by its name, or to count the rows by rate_hz [1/s].
+    between_s: start and stop of the part to take, in the file's own time [s]. samples: which of its rows, half open,
+    where it has so many. gaps: as in `straighten_times`. A row without a number is a missing sample. A sparse table,
+    whose rows hold samples of some columns each, loses the rows that are empty in those asked for. What is no
+    measurement is mended as in `mend_stamps` and `mend_values`.
+    Raises SpecError, RecordingError, TimeError or UnitError with one sentence.
+    """
+    first_notes = notes_of(table)
+    time, named, notes = _choose_columns(table, roles, time, rate_hz)
+    found = {role: find_columns(table, spec) for role, spec in named.items()}
+    wanted = sorted({name for names, _ in found.values() for name in names})
+    stamp = None if time is None else find_columns(table, time)[0][0]
+    others = [name for name in table.columns if name not in (*wanted, stamp)]
+    if time is not None and others:
+        elsewhere = (table[wanted].isna().any(axis=1) & table[others].notna().any(axis=1)).to_numpy()
+        if elsewhere.mean() >= _SPARSE:
+            notes.append(f"{elsewhere.sum()} of {len(table)} rows hold samples of other columns only and are left out")
+            table = table[~elsewhere]
+            if not len(table):
+                raise RecordingError(f"no row holds {' and '.join(wanted)} together; bring them to common times first")
+    stamps, said = read_time(table, time, rate_hz)
+    if missing := int(np.isnan(stamps).sum()):
+        notes.append(f"{missing} row{'s' if missing > 1 else ''} without a time left out")
+        table, stamps = table[np.isfinite(stamps)], stamps[np.isfinite(stamps)]
+    if time is not None:
+        places, stamps, mended = mend_stamps(stamps, _rows(table))
+        table, notes = table.iloc[places], [*notes, *mended]
+    inside = np.flatnonzero(choose_stretch(stamps, *between_s))
+    inside = np.arange(inside[0], inside[-1] + 1)
+    if samples is not None and (samples[1] is None or samples[1] <= inside.size):
+        inside = inside[slice(*samples)]
+    part, stamps, missed = _with_numbers(table.iloc[inside], stamps[inside], wanted)
+    values, units, came_in = {}, {}, {}
+    for role, (names, stated) in found.items():
+        came_in[role] = _unit_of(names, stated)
+        units[role], factor = canonical_unit(came_in[role])
+        values[role] = np.mean([numbers(part, name) for name in names], axis=0) * factor
+        if role in _MENDED:
+            values[role], mended = mend_values(names[0], values[role], units[role], _rows(part))
+            missed += mended
+    sound = np.all([np.isfinite(one) for one in values.values()], axis=0)
+    timeline = straighten_times(stamps[sound], gaps=gaps, rows=_rows(part)[sound])
+    if time is not None and rate_hz is not None:
+        own = 1.0 / float(np.median(np.diff(timeline.time_s)))
+        if abs(rate_hz / own - 1.0) > _RATE_OFF:
+            raise SpecError(
+                f"--rate is {rate_hz:g} Hz, the time stamps in {time!r} are {own:.6g} Hz apart; give one of the two"
+            )
+    specs = named | {"time": time if time is not None else f"{rate_hz:g} Hz"}
+    values = {role: one[sound] for role, one in values.items()}
+    return Stretch(timeline, values, units, specs, (*first_notes, *notes, *missed, *said), came_in)
+
+
+def _with_numbers(table: Table, stamps: Array, names: Sequence[str]) -> tuple[Table, Array, list[str]]:
+    """Return rows that hold numbers in all columns, their stamps, and a note that names the first of the others."""
+    bad = np.zeros(len(table), dtype=bool)
+    first: tuple[int, str] | None = None
+    for name in names:
+        none = ~np.isfinite(_coerced(table[name]))
+        if none.any():
+            if (none & table[name].notna().to_numpy()).mean() > _MOST_TEXT:
+                numbers(table, name)
+            at = int(np.argmax(none))
+            first = min(first or (at, name), (at, name))
+            bad |= none
+    if first is None:
+        return table, stamps, []
+    at, name = first
+    count = int(bad.sum())
+    rows = f"{count} row{'s' if count > 1 else ''} without a number taken for {'' if count > 1 else 'a '}missing sample"
+    return table[~bad], stamps[~bad], [f"{rows}{'s' if count > 1 else ''}: {_bad_cell(table[name], at)}"]
+
+
+def choose_clock(table: Table) -> tuple[str | None, list[str]]:
+    """Return the column of the time by its name, of several the one with most distinct stamps, and what was chosen."""
+    times = time_columns(table)
+    if len(times) < 2:
+        return (times[0] if times else None), []
+    best = max(times, key=lambda name: int(table[name].nunique()) if times.count(name) == 1 else 0)
+    return best, [f"{' and '.join(times)} may be the time; {best!r} has most distinct stamps, or comes first"]
+
+
+def _choose_columns(
+    table: Table, roles: Mapping[str, str | None], time: str | None, rate_hz: float | None
+) -> tuple[str | None, dict[str, str], list[str]]:
+    """Return (column of the time, columns by role, notes), those without a name guessed where there is no doubt."""
+    notes: list[str] = []
+    named = {role: spec for role, spec in roles.items() if spec is not None}
+    over = over_frequency(table)
+    if time is not None and len(names := find_columns(table, time)[0]) > 1:
+        raise RecordingError(f"time needs one column, found {len(names)}: {', '.join(names)}")
+    if over is not None and rate_hz is None and time in (None, over):
+        raise RecordingError(no_record(table, over))
+    if time is None and rate_hz is None:
+        time, notes = choose_clock(table)
+        if time is None:
+            raise SpecError(
+                "this is a table: name its columns; --time COL is missing (time=) and no column is the time by its "
+                f"name; there are {listed(table.columns)}; `sinew look` shows them. Without one, say the rate: "
+                "--rate HZ (rate_hz=)"
+            )
+        notes = notes or [f"the time is column {time!r}, by its name"]
+    for role in (role for role, spec in roles.items() if spec is None):
+        taken = {time, *(name for spec in named.values() for name in find_columns(table, spec)[0])}
+        taken |= set(find_columns(table, time)[0]) if time is not None else set()
+        left = [name for name in number_columns(table) if name not in taken]
+        if len(left) != 1:
+            guess = f"{' or '.join(left[:6])} may be it" if left else "no column of numbers is left for it"
+            raise SpecError(
+                f"this is a table: name its columns; --{role} COL is missing ({role}=) and {guess}; there are "
+                f"{listed(table.columns)}; `sinew look` shows them"
+            )
+        named[role] = left[0]
+        notes.append(f"the {role} is column {left[0]!r}, the only other one of numbers")
+    return time, {role: named[role] for role in roles if role in named}, notes
+
+
+def no_record(table: Table, over: str) -> str:
+    """Return what to say of a table over frequency."""
+    return (
+        f"this is a table over frequency ({over!r}, with {listed(table.columns[1:], 4)}), a spectrum or a frequency "
+        "response, and no record over time: choose the file of the same program that holds the samples; amplitudes of "
+        "input and output with their phase go to `sinew identify FILE --kind stepped --frequency COL "
+        "--input COL --output COL --phase COL`"
+    )
+
+
+def _unit_of(names: Sequence[str], stated: str | None) -> str:
+    if stated is not None:
+        return stated
+    found = {unit_in_name(name) or "1" for name in names}
+    if len(found) > 1:
+        raise UnitError(
+            f"columns {', '.join(names)} have different units ({', '.join(sorted(found))}); average one kind"
+        )
+    return found.pop()
+
+
+# Its time.
+
+
+def read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Array, list[str]]:
+    """Return (time stamps of the whole table [s], shape (n,), NaN where a cell is none; notes)."""
+    if rate_hz is not None and not 0 < rate_hz < math.inf:
+        raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second (rate_hz)")
+    if spec is None:
+        assert rate_hz is not None
+        rows = _rows(table)  # those that hold nothing were left out, and are missing samples
+        return (rows - rows[:1]) / rate_hz, []
+    (name, *_), stated = find_columns(table, spec)
+    column, said = table[name], quantity(name)
+    stamped = column.notna().to_numpy()
+    text = column[stamped].iloc[0] if stamped.any() else None
+    clock = isinstance(text, str) and STAMP.fullmatch(text.strip()) is not None
+    notes: list[str] = []
+    if not clock and not _holds_dates(column):
+        values = _coerced(column)
+        odd = stamped & np.isnan(values)
+        if odd.sum() > _MOST_TEXT * len(column):
+            numbers(table, name)
+        if odd.any():
+            notes.append(_bad_cell(column, int(np.argmax(odd))))
+        stamped = np.isfinite(values)
+    if not stamped.any():
+        raise RecordingError(f"column {name!r} holds no times")
+    stamps = np.full(len(table), math.nan)
+    column, unit = column[stamped], stated or said.unit
+    if clock or _holds_dates(column):
+        if stated is not None:
+            raise UnitError(f"the time column {name!r} holds dates or durations, which need no unit; leave it out")
+        times, more = _read_stamps(column, name) if clock else (as_seconds(column), [])
+    elif unit is not None:
+        times, more = values[stamped] * convert(unit, "s"), []
+    elif said.unknown is not None and is_time_name(name):
+        raise UnitError(
+            f"the unit {said.unknown!r} of {name!r} is not understood: say which, as --time '{name}:ms' "
+            f"(time='{name}:ms')"
+        )
+    else:
+        times, more = _read_unitless(column, values[stamped], name)
+    stamps[stamped] = times
+    return stamps, [*notes, *more]
+
+
+def _read_unitless(column: "pd.Series", values: Array, name: str) -> tuple[Array, list[str]]:
+    """Return stamps without a unit as seconds, those since 1970 by the size of their numbers, and what was done."""
+    unit = next((unit for least, unit in _EPOCHS if float(np.abs(values).min()) >= least), None)
+    if unit is not None:
+        since = column - column.iloc[0] if column.dtype.kind in "iu" else values - values[0]  # whole: all digits count
+        said = f"the stamps in {name!r} are {unit} since 1970 by their size; time counts from the first"
+        return np.asarray(since, dtype=float) * convert(unit, "s"), [said]
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if usual < 1.0 or not bool((values == np.rint(values)).all()):
+        return values, []
+    if usual >= _SUSPECT_STEP_S:
+        raise UnitError(
+            f"the stamps in {name!r} are whole numbers {usual:g} apart and no unit is stated: are they seconds, ms or "
+            f"us? say it, as --time '{name}:us' (time='{name}:us')"
+        )
+    return values, [
+        f"the stamps in {name!r} are whole numbers {usual:g} apart, taken for seconds, for no unit is stated; where "
+        f"they are ms, say it, as --time '{name}:ms' (time='{name}:ms')"
+    ]
+
+
+def _read_stamps(column: "pd.Series", name: str) -> tuple[Array, list[str]]:
+    """Return dates or times of a clock, written as text, as seconds since the first of them, and what was done."""
+    texts = column.astype(str).str.strip()
+    bad = np.flatnonzero(~texts.map(lambda text: STAMP.fullmatch(text) is not None).to_numpy(dtype=bool))
+    if bad.size:
+        raise RecordingError(
+            f"column {name!r} holds {texts.iloc[int(bad[0])]!r} in data row {_rows(column)[bad[0]]}, expected a date "
+            f"or a time of day as {texts.iloc[0]!r}"
+        )
+    said = f"the stamps in {name!r} became seconds since the first, {texts.iloc[0]}"
+    texts = texts.str.replace(",", ".", regex=False)
+    if re.fullmatch(r"\d{1,2}:\d\d(:\d\d(\.\d+)?)?", texts.iloc[0]):
+        whole = texts.where(texts.str.count(":") == 2, texts + ":00")
+        seconds = as_seconds(pd.to_timedelta(whole))
+        days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -43_200.0)])  # the clock passes midnight
+        return seconds - seconds[0] + 86_400.0 * days, [said]
+    try:
+        dates = pd.to_datetime(texts, format="mixed", dayfirst="." in texts.iloc[0][:5], utc=True)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise RecordingError(
+            f"column {name!r} holds dates that cannot be read ({error}); write 2026-03-01 14:05:00.5"
+        ) from error
+    return as_seconds(dates), [said]
+
+
 # ---- a first look into somebody's file: format, runs, columns with units, rate, gaps, and the command to go on with
 
 
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 40
-_DRIVE = re.compile(
-    r"(?<![^\W_])(drive|force|torque|input|command|cmd|set ?point|excitation|shaker|hammer|lever|base|antrieb|anregung|"
-    r"kraft|u)(?![^\W_])",
-    re.IGNORECASE,
-)
 _SLOWEST_MS = 200  # whole numbers further apart are microseconds rather than milliseconds: below 5 samples a second
-
-
 _Text = Annotated[str, Field("", "detail")]
 
 
@@ -255,31 +617,35 @@ def look(
     if is_recording(path):
         return _look_at_recording(path)
     opened = opened_table(path, columns)
-    runs = Rows(LookedRun(place, one.name) for place, one in enumerate(opened.runs, start=1))
-    chosen: RunChoice = run if run is not None or len(runs) == 1 else 1
-    table = read_table(path, run=chosen, columns=columns)
-    guess = _guess(path, table, _Asked(str(path), chosen if len(runs) > 1 else None, columns, rate_hz))
-    named = next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), "")
-    return Looked(
+    runs = Rows(LookedRun(number, one.name) for number, one in enumerate(opened.runs, start=1))
+    chosen = run
+    if run is None and len(runs) > 1:  # the one with most numbers
+        held = [one.table.select_dtypes("number").count().sum() for one in opened.runs]
+        chosen = int(np.argmax(held)) + 1
+    table = choose_run(opened, chosen, path.name)
+    words = ["sinew", "analyse", str(path), *([] if len(runs) == 1 else ["--run", str(chosen)])]
+    if columns is not None:
+        words += ["--columns", columns if isinstance(columns, str) else ",".join(columns)]
+    looked = Looked(
         file=path.name,
         format=opened.form,
         runs=runs,
-        run=named,
+        run=next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), ""),
         rows=len(table),
-        columns=Rows(_column(table, place) for place in range(table.shape[1])),
-        time=guess.timing,
-        notes=(*notes_of(table), *guess.notes),
-        missing=guess.missing,
-        command=guess.command,
+        columns=Rows(_column(table, k) for k in range(table.shape[1])),
+        time=None,
+        notes=notes_of(table),
+        missing=(),
+        command=None,
     )
+    return _with_command(looked, table, words, rate_hz)
 
 
 def _look_at_recording(path: Path) -> Looked:
     dataset = load_dataset(path)
-    table = pd.DataFrame(
-        {name: dataset[name].values for name in dataset.data_vars if dataset[name].dims == ("sample",)}
-    )
-    columns = (_column(table, place) for place in range(table.shape[1]))
+    samples = [name for name in dataset.data_vars if dataset[name].dims == ("sample",)]
+    table = pd.DataFrame({name: dataset[name].values for name in samples})
+    columns = (_column(table, k) for k in range(table.shape[1]))
     kinds = sorted(set(map(str, dataset["kind"].values))) if "kind" in dataset else []
     return Looked(
         file=path.name,
@@ -325,115 +691,104 @@ def _scaled(values: Array) -> Array:
 # What to go on with.
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What was asked of the file: it stays in the command."""
+def _with_command(looked: Looked, table: Table, words: Sequence[str], rate_hz: float | None) -> Looked:
+    """Return what was found with the command to go on, what it lacks, what the time is like, and notes on it.
 
-    file: str
-    run: RunChoice
-    columns: ColumnNames
-    rate_hz: float | None
-
-
-@dataclass(frozen=True)
-class _Guess:
-    """The command to go on with, or None; what it lacks; what the time is like; notes."""
-
-    command: str | None = None
-    missing: tuple[str, ...] = ()
-    timing: LookedTime | None = None
-    notes: tuple[str, ...] = ()
-
-
-def _guess(path: Path, table: Table, asked: _Asked) -> _Guess:
-    notes: list[str] = []
-    time, response, missing = None, None, []
-    if asked.rate_hz is None:
-        time = _time_of(table, notes)
-        if time is None:
-            missing.append("--rate HZ")
-            notes.append("no column holds times: write the samples per second for HZ")
+    words: begin the command; the columns of time, response and drive are added to them.
+    """
+    notes = list(looked.notes)
+    over = over_frequency(table) if rate_hz is None else None
+    if over is not None:
+        return replace(looked, notes=(*notes, no_record(table, over)))
+    time = _time_of(table, notes) if rate_hz is None else None
+    missing = ("--rate HZ",) if time is None and rate_hz is None else ()
+    if missing:
+        notes.append("no column holds times: write the samples per second for HZ")
     response, drive = _motions_of(table, time, notes)
     if response is None:
-        return _Guess(None, (), None, (*notes, "no column of numbers that changes: there is nothing to go on with"))
-    timing = _timing(table, time)
-    gaps, refusal = _tried(path, time, response, drive, asked)
-    if refusal:
-        return _Guess(None, tuple(missing), timing, (*notes, refusal))
-    words = ["sinew", "analyse", asked.file]
-    words += [] if asked.run is None else ["--run", str(asked.run)]
-    if asked.columns is not None:
-        words += ["--columns", asked.columns if isinstance(asked.columns, str) else ",".join(asked.columns)]
-    words += ["--rate", "HZ" if asked.rate_hz is None else f"{asked.rate_hz:g}"] if time is None else ["--time", time]
+        notes.append("no column of numbers that changes: there is nothing to go on with")
+        return replace(looked, notes=tuple(notes))
+    roles, refusal = {"response": response} | ({} if drive is None else {"drive": drive}), ""
+    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
+    for gaps in ways:
+        try:
+            found = read_stretch(table, roles, time, None if time is not None else rate_hz or 1.0, gaps=gaps)
+        except (RecordingError, UnitError) as error:
+            refusal = refusal or str(error)
+            continue
+        if gaps != "bridge" or _short_gaps(found.timeline.time_s, found.values["response"]):
+            break
+    else:
+        return replace(looked, missing=missing, notes=(*notes, refusal))
+    words = [*words, *(["--time", time] if time is not None else ["--rate", f"{rate_hz:g}" if rate_hz else "HZ"])]
     words += ["--response", response, *(() if drive is None else ("--drive", drive))]
     words += [] if gaps == "refuse" else ["--gaps", gaps]
-    return _Guess(shlex.join(words), tuple(missing), timing, tuple(notes))
+    timing = None if time is None else _timing(found, time)
+    notes = list(dict.fromkeys((*notes, *found.notes)))
+    return replace(looked, notes=tuple(notes), time=timing, missing=missing, command=shlex.join(words))
 
 
 def _time_of(table: Table, notes: list[str]) -> str | None:
     """Return the specification of the time: by its name, else a first column that rises all the way; None without."""
-    found = time_columns(table)
-    if len(found) > 1:
-        notes.append(f"{' and '.join(found)} may be the time; the command takes the first that can be read")
-    if not found and table.shape[1] > 1:
+    name, said = choose_clock(table)
+    notes += said
+    if name is None and table.shape[1] > 1:
         first = pd.to_numeric(table.iloc[:, 0], errors="coerce").to_numpy(dtype=float)
         steps = np.diff(first[np.isfinite(first)])
-        if steps.size > 8 and (steps >= 0).all() and (steps > 0).mean() > 0.5:
-            found = [str(table.columns[0])]
-            notes.append(f"no column is the time by its name; {found[0]!r} rises all the way and is taken for it")
-    for name in found:
-        for spec in (name, *_with_units(table, name)):
-            try:
-                stamps, told = read_time(table, spec, None)
-            except UnitError as error:
-                notes.append(str(error).partition(":")[0])
-                continue
-            except SinewError:
-                break
-            if stamps.size:
-                if spec != name:
-                    notes.append(f"the unit {spec.rpartition(':')[2]} is a guess by the size of the steps")
-                notes += told
-                return spec
+        if steps.size > 8 and (steps >= 0).all() and (steps > 0).mean() > 0.5 and (steps != 1).any():  # no counter
+            name = str(table.columns[0])
+            notes.append(f"no column is the time by its name; {name!r} rises all the way and is taken for it")
+    if name is None:
+        return None
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+    steps = np.diff(values[np.isfinite(values)])
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for spec in (name, f"{name}:{'ms' if usual <= _SLOWEST_MS else 'us'}"):
+        try:
+            read_time(table, spec, None)
+        except UnitError as error:
+            notes.append(str(error).partition(": ")[0])
+            continue
+        except RecordingError as error:
+            notes.append(f"{error}; it holds no times that can be read")
+            return None
+        if spec != name:
+            notes.append(f"the unit {spec.rpartition(':')[2]} is a guess by the size of the steps")
+        return spec
     return None
 
 
-def _with_units(table: Table, name: str) -> list[str]:
-    """Return the specification of a time of whole numbers with the unit that its steps suggest."""
-    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
-    steps = np.diff(values[np.isfinite(values)])
-    steps = steps[steps > 0]
-    if not steps.size:
-        return []
-    return [f"{name}:{'ms' if float(np.median(steps)) <= _SLOWEST_MS else 'us'}"]
-
-
 def _motions_of(table: Table, time: str | None, notes: list[str]) -> tuple[str | None, str | None]:
-    """Return (response, drive): of the columns that change the one that swings most clearly, and a drive by its name.
+    """Return (response, drive): by their names, and of several the column that swings most clearly.
 
-    None where there is none.
+    None where there is none. What is called a supply, a temperature, a status is neither, unless nothing else is there.
     """
-    names = [name for name in number_columns(table) if time is None or name not in (time, time.rpartition(":")[0])]
-    places = list(map(str, table.columns))
+    stamp = None if time is None else find_columns(table, time)[0][0]
+    names = list(map(str, table.columns))
     scores = {}
-    for name in dict.fromkeys(names):
-        if places.count(name) > 1:
-            notes.append(f"column {name!r} occurs {places.count(name)} times: name all columns anew with --columns")
-            continue
-        values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
-        values = values[np.isfinite(values)]
-        if values.size > 8 and np.ptp(values) > 0:
-            scores[name] = _clearness(values)
-    if not scores:
+    for name in dict.fromkeys(number_columns(table)):
+        if names.count(name) > 1:
+            notes.append(f"column {name!r} occurs {names.count(name)} times: name all columns anew with --columns")
+        elif name != stamp:
+            values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+            values = values[np.isfinite(values)]
+            if values.size > 8 and np.ptp(values) > 0:
+                scores[name] = _clearness(values)
+    signals = [name for name in scores if role_of(name) != "none"] or list(scores)
+    if not signals:
         return None, None
-    others = [name for name in scores if not _DRIVE.search(bare_name(name))] or list(scores)
-    drive = next((name for name in scores if name not in others), None)
-    best = max(others, key=lambda name: scores[name])
+    drives = [name for name in signals if says(name, "drive")]
+    others = [name for name in signals if name not in drives] or signals
+    by_name = [name for name in others if role_of(name) == "response"]
+    best = max(by_name or others, key=lambda name: scores[name])
+    drive = drives[0] if drives and drives[0] != best and best not in drives else None
     if drive is not None:
         notes.append(f"{drive!r} is taken for the drive, by its name; choose with --drive")
     if len(others) > 1:
+        why = "for it swings most clearly" if len(by_name) != 1 else "by its name"
+        rest = listed([name for name in others if name != best], 4)
         driven = "" if drive is not None else "; where another column drove it, name that too: --drive COL"
-        notes.append(f"{best!r} swings most clearly and is taken for the response; choose with --response{driven}")
+        notes.append(f"{best!r} is taken for the response, {why}, before {rest}; choose with --response{driven}")
     return best, drive
 
 
@@ -447,52 +802,14 @@ def _clearness(values: Array) -> float:
     return float(np.std(about)) / rough if crossings >= 4 and rough > 0 else 0.0
 
 
-def _timing(table: Table, time: str | None) -> LookedTime | None:
-    if time is None:
-        return None
-    try:
-        stamps, _ = read_time(table, time, None)
-        stamps = stamps[np.isfinite(stamps)]
-        found = diagnose_times(stamps)
-    except RecordingError as error:
-        return LookedTime(time, None, None, (), str(error))
-    gaps = tuple({"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in found.gaps)
-    rate, lasts = 1.0 / found.step_s, float(stamps[-1] - stamps[0])
-    sentence = f"{found.sentence}; {number(rate, 4, 'Hz')}, {number(float(np.ptp(stamps)), 4, 's')}"
-    return LookedTime(time, rate, lasts, gaps, sentence)
-
-
-def _tried(path: Path, time: str | None, response: str, drive: str | None, asked: _Asked) -> tuple[Gaps, str]:
-    """Return how gaps must be taken for the import to do well, and why it cannot where it does not."""
-    refusal = ""
-    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
-    for gaps in ways:
-        rate = None if time is not None else asked.rate_hz or 1.0
-        try:
-            recording = read(
-                path,
-                time=time,
-                response=response,
-                drive=drive,
-                gaps=gaps,
-                run=asked.run,
-                columns=asked.columns,
-                rate_hz=rate,
-            )
-        except (RecordingError, UnitError) as error:
-            refusal = refusal or str(error)
-            continue
-        if gaps == "bridge" and not _short_gaps(recording["time_s"].values, np.asarray(recording[_channel(recording)])):
-            continue
-        return gaps, ""
-    return "refuse", refusal
-
-
-def _channel(recording: Any) -> str:
-    return "torsion_rad" if "torsion_rad" in recording else "response"
+def _timing(found: Stretch, time: str) -> LookedTime:
+    known, lasts = found.timeline.diagnosis, float(np.ptp(found.timeline.time_s))
+    gaps = tuple({"start_s": gap.start_s, "stop_s": gap.stop_s, "missing": gap.missing} for gap in known.gaps)
+    sentence = f"{known.sentence}; {number(1.0 / known.step_s, 4, 'Hz')}, {number(lasts, 4, 's')}"
+    return LookedTime(time, 1.0 / known.step_s, lasts, gaps, sentence)
 
 
 def _short_gaps(time_s: Array, values: Array) -> bool:
-    """Return whether the longest step is shorter than half a period, as crossings of the middle tell it."""
+    """Return whether the longest step is shorter than half a period, as crossings of the middle show it."""
     crossings = int(np.count_nonzero(np.diff(np.sign(values - np.median(values)))))
     return bool(np.diff(time_s).max() < float(time_s[-1] - time_s[0]) / max(crossings, 1))

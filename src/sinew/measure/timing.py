@@ -1,8 +1,9 @@
-"""Time stamps of a foreign recording, judged and, where that is right, put straight.
+"""Which rows of a foreign recording are no measurement, and what its time stamps are worth.
 
-Honest stamps are kept, jittering or irregular as they may be. Stamps that a busy host gave late to regular samples
-(see `has_clock`) are replaced by the straight line through them. Gaps are refused, split, or bridged: then they stay
-where they are, for a fit that needs no samples there.
+Rows over again or out of order, a clock set back or standing still, single failed reads, turns of an angle or a
+counter are mended where the neighbours decide it, with one note each. Honest stamps stay, jittering or irregular as
+they may be. Stamps that a busy host gave late to regular samples (see `has_clock`) are replaced by the straight line
+through them. Gaps are refused, split, or bridged: then they stay where they are, for a fit that needs no samples there.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import TimeError
+from sinew.measure.files.names import says
 
 Gaps: TypeAlias = Literal["refuse", "split", "bridge"]
 Rows: TypeAlias = "int | NDArray[np.int64]"
@@ -88,10 +90,10 @@ def gaps_of_clock(stamps: Array, steps: Array, step: float, even: bool) -> tuple
     gaps: list[Gap] = []
     bursts = False
     for _ in range(4):
-        before = afters(gaps)
+        before = list(afters(gaps))
         gaps, bursts = _scan_pauses(stamps, steps, step, even)
         step = _common_slope(stamps, gaps)
-        if afters(gaps) == before:
+        if list(afters(gaps)) == before:
             break
     return gaps, bursts, step
 
@@ -149,13 +151,13 @@ def gaps_of_irregular(stamps: Array, steps: Array) -> list[Gap]:
     return [Gap(int(i), float(stamps[i]), float(stamps[i + 1]), round(float(steps[i]) / mean) - 1) for i in found]
 
 
-def afters(gaps: Sequence[Gap]) -> list[int]:
+def afters(gaps: Sequence[Gap]) -> NDArray[np.int64]:
     """Return the index of the last sample before each gap."""
-    return [gap.after for gap in gaps]
+    return np.array([gap.after for gap in gaps], dtype=np.int64)
 
 
 def _piece_index(samples: int, gaps: Sequence[Gap]) -> NDArray[np.int64]:
-    return np.searchsorted(np.asarray(afters(gaps), dtype=np.int64), np.arange(samples)).astype(np.int64)
+    return np.searchsorted(afters(gaps), np.arange(samples)).astype(np.int64)
 
 
 def _centred(values: Array, piece: NDArray[np.int64]) -> Array:
@@ -192,19 +194,15 @@ FEWEST_SAMPLES = 8
 class TimeDiagnosis:
     """What the time stamps of a record are like.
 
-    step_s: sampling step, the slope of stamp over index between gaps [s]; median_step_s: median difference [s].
-    jitter_s: standard deviation of the stamps from the straight line between gaps [s].
-    longest_pause_s: longest difference that is not a gap [s]; repeated: how many stamps equal the one before.
+    step_s: sampling step, the slope of stamp over index between gaps [s]. jitter_s: standard deviation of the stamps
+    from the straight line between gaps [s]. repeated: how many stamps equal the one before.
     pattern: even (jitter below 1 % of a step), jittering, bursty (regular samples that were stamped late, in
         bursts), or irregular (steps that differ and no clock behind them).
     gaps: in order. sentence: all this in words.
     """
 
-    samples: int
     step_s: float
-    median_step_s: float
     jitter_s: float
-    longest_pause_s: float
     repeated: int
     pattern: Pattern
     gaps: tuple[Gap, ...]
@@ -230,18 +228,14 @@ class Timeline:
         return len(self.notes) > 1
 
 
-def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
-    """Return what a record's time stamps are like.
+def _clock_of(stamps: Array) -> tuple[bool, bool, list[Gap], float, bool]:
+    """Return (whether there is a regular clock, whether it comes in bursts, gaps, step [s], whether repeats are wrong).
 
-    stamps: time stamps as logged [s], shape (n,). rows: where they stand, for the sentences of errors.
-    Raises TimeError for fewer than 8 stamps, NaN, time that goes backwards, and repeated stamps without a
-    regular clock behind them that could say which is which.
+    Samples that were honestly stamped never share a stamp, so repeats are late stamps or rows written twice.
     """
-    _refuse_nonsense(stamps, rows)
     steps = np.diff(stamps)
     repeated = int((steps == 0).sum())
     even, step = is_even(stamps, steps)
-    # Samples that were honestly stamped never share a stamp, so repeats are late stamps or rows written twice.
     clock = even or has_clock(stamps, steps) or repeated > 0.02 * stamps.size
     bursts = False
     gaps: list[Gap] = []
@@ -250,17 +244,54 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
         clock = follows_line(stamps, gaps, step)
     if not clock:
         gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
-    written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
-    if repeated and (written_twice or (not clock and not _are_rounded(steps))):
-        raise TimeError(_repeat_refusal(stamps, steps, rows))
+    twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
+    doubtful = bool(repeated and (twice or (not clock and not _are_rounded(steps))))
+    return clock, bursts, gaps, step, doubtful
+
+
+def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
+    """Return what a record's time stamps are like.
+
+    stamps: time stamps as logged [s], finite, shape (n,). rows: where they stand, for the sentences of errors.
+    Raises TimeError for fewer than 8 stamps, time that goes backwards, and repeated stamps without a
+    regular clock behind them that could say which is which.
+    """
+    if stamps.size < FEWEST_SAMPLES:
+        raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
+    steps = np.diff(stamps)
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        i = int(back[0])
+        raise TimeError(
+            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
+            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
+        )
+    if stamps[-1] == stamps[0]:
+        raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
+    clock, bursts, gaps, step, doubtful = _clock_of(stamps)
+    repeated = int((steps == 0).sum())
+    if doubtful:
+        at = int(np.argmax(steps == 0))
+        raise TimeError(
+            f"data rows {_row_of(rows, at)} and {_row_of(rows, at + 1)} have the same time stamp {stamps[at]:.6g} s "
+            "and no regular clock shows which is right; remove the repeated rows or export the time with more digits"
+        )
     jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
     pattern: Pattern = "irregular"
     if clock:
         pattern = "bursty" if repeated or bursts else "even" if jitter < 0.01 * step else "jittering"
     pause = float(np.delete(steps, afters(gaps)).max())
-    median = float(np.median(steps))
-    sentence = _sentence(stamps.size, step, jitter, pause, repeated, pattern, gaps)
-    return TimeDiagnosis(stamps.size, step, median, jitter, pause, repeated, pattern, tuple(gaps), sentence)
+    what = {
+        "even": "even",
+        "jittering": f"jittering by {_time(jitter)} (kept as they are)",
+        "bursty": f"stamped in bursts (jitter {_time(jitter)}, longest pause without a loss {_time(pause)}, "
+        f"{100 * repeated / stamps.size:.0f} % repeated)",
+        "irregular": f"irregular (steps vary by {_time(jitter)}, at most {_time(pause)}; kept as they are)",
+    }[pattern]
+    mean = "mean " if pattern == "irregular" else ""
+    gap = f"; {_counted(len(gaps), 'gap')}, the longest {max(g.stop_s - g.start_s for g in gaps):.4g} s" if gaps else ""
+    sentence = f"{stamps.size} time stamps, {mean}step {_time(step)}: {what}{gap}"
+    return TimeDiagnosis(step, jitter, repeated, pattern, tuple(gaps), sentence)
 
 
 def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) -> Timeline:
@@ -337,19 +368,6 @@ def _spread(stamps: Array) -> Array:
     return np.asarray(stamps + least * ((place + 0.5) / size - 0.5), dtype=float)
 
 
-def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
-    if stamps.size < FEWEST_SAMPLES:
-        raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
-    bad = np.flatnonzero(~np.isfinite(stamps))
-    if bad.size:
-        raise TimeError(
-            f"time stamp in data row {_row_of(rows, int(bad[0]))} is not a number; fill it in or remove the row"
-        )
-    refuse_backwards(stamps, rows=rows)
-    if stamps[-1] == stamps[0]:
-        raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
-
-
 def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> Mask:
     """Return which times [s] lie from start_s to stop_s, both included, shape (n,); None leaves an end open.
 
@@ -363,60 +381,6 @@ def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of:
         first, last = np.nanmin(time), np.nanmax(time)
         raise TimeError(f"no samples from {low:g} s to {high:g} s; the {of} runs from {first:g} s to {last:g} s")
     return np.asarray(inside)
-
-
-def refuse_backwards(stamps: Array, *, rows: Rows = 1) -> None:
-    """Raise TimeError, naming the data row, where time goes backwards."""
-    back = np.flatnonzero(np.diff(stamps) < 0)
-    if back.size:
-        i = int(back[0])
-        raise TimeError(
-            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
-            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
-        )
-
-
-def _repeat_refusal(stamps: Array, steps: Array, rows: Rows) -> str:
-    """Return what to say of stamps that equal the one before, without a clock that could say which is which.
-
-    Where the clock is regular once the repeats are out, they are rows written twice or stamped wrongly.
-    """
-    repeats = np.flatnonzero(steps == 0) + 1
-    at = int(repeats[0])
-    row = _row_of(rows, at)
-    found = f"data rows {_row_of(rows, at - 1)} and {row} have the same time stamp {stamps[at]:.6g} s"
-    kept = np.delete(stamps, repeats)
-    if kept.size >= FEWEST_SAMPLES:
-        even, step = is_even(kept, np.diff(kept))
-        gaps, _, step = gaps_of_clock(kept, np.diff(kept), step, even)
-        if even and not gaps and off_line(kept, gaps, step).std() < 0.3 * step:
-            step = float(np.median(np.diff(kept)))
-            more = f" (and {_counted(repeats.size - 1, 'more repeated row')})" if repeats.size > 1 else ""
-            missed = at < steps.size and steps[at] > 1.5 * step
-            cause = (
-                f"row {row} should read {stamps[at] + step:.6g} s; correct its stamp or drop the row"
-                if missed
-                else f"row {row} was written twice; drop it"
-            )
-            return f"{found} in an otherwise regular clock of {_time(step)}: data {cause}{more}"
-    return (
-        f"{found} and no regular clock shows which is right; remove the repeated rows or export the time with "
-        "more digits"
-    )
-
-
-def _sentence(
-    samples: int, step: float, jitter: float, pause: float, repeated: int, pattern: Pattern, gaps: Sequence[Gap]
-) -> str:
-    what = {
-        "even": "even",
-        "jittering": f"jittering by {_time(jitter)} (kept as they are)",
-        "bursty": f"stamped in bursts (jitter {_time(jitter)}, longest pause without a loss {_time(pause)}, "
-        f"{100 * repeated / samples:.0f} % repeated)",
-        "irregular": f"irregular (steps vary by {_time(jitter)}, at most {_time(pause)}; kept as they are)",
-    }[pattern]
-    gap = f"; {_counted(len(gaps), 'gap')}, the longest {max(g.stop_s - g.start_s for g in gaps):.4g} s" if gaps else ""
-    return f"{samples} time stamps, {'mean step' if pattern == 'irregular' else 'step'} {_time(step)}: {what}{gap}"
 
 
 def _refusal(gaps: Sequence[Gap], step: float, rows: Rows) -> str:
@@ -437,3 +401,163 @@ def _counted(number: int, noun: str) -> str:
 def _time(seconds: float) -> str:
     """Return a duration for people, in ms below a second."""
     return f"{seconds * 1e3:.4g} ms" if seconds < 1 else f"{seconds:.4g} s"
+
+
+# What is no measurement: rows by their stamps, then samples by their neighbours.
+
+_MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
+_COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+_Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
+
+
+def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
+    """Return (places of the rows to take in their order, their stamps [s], notes on what was done).
+
+    stamps: finite, as logged [s], shape (n,). rows: their data rows. A row from before is left out, one out of its
+    order put back; where a clock was set back, what follows is moved on; of rows with one stamp in a regular clock the
+    second is left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What
+    the neighbours do not decide stays, and `diagnose_times` names it.
+    """
+    places, time, notes = np.arange(stamps.size), np.array(stamps, dtype=float), []
+    rises = np.diff(time)
+    usual = float(np.median(rises[rises > 0])) if (rises > 0).any() else 0.0
+    for _ in range(_MOST_MENDS):
+        back = np.flatnonzero(np.diff(time) < 0)
+        if not back.size:
+            break
+        at = int(back[0]) + 1
+        high, ahead = time[at - 1], np.flatnonzero(time[at:] > time[at - 1])
+        end = at + (int(ahead[0]) if ahead.size else time.size - at)
+        behind, steps = time[at:end], np.diff(time[at:end])
+        which = f"data row {rows[places[at]]}" + (f" and {end - at - 1} below it" if end - at > 1 else "")
+        order = np.argsort(time[:end], kind="stable")
+        if end - at == 1 or (ahead.size and time[end] - behind[-1] > 1.5 * usual):
+            apart = [float(np.abs(time[:at] - one).min()) for one in behind]
+            if min(apart) > 0.5 * usual and behind[0] > time[0]:
+                notes.append(f"{which} stood after a later one ({high:.6g} s): put back in order of time")
+            else:
+                twin = rows[places[int(np.argmin(np.abs(time[:at] - behind[0])))]]
+                notes.append(
+                    f"{which} goes back to {behind[0]:.6g} s after {high:.6g} s: row {twin} over again or a wrong "
+                    f"stamp, where {high + usual:.6g} s belongs; left out"
+                )
+                order = np.arange(at)
+            order = np.r_[order, end : time.size]
+            time, places = time[order], places[order]
+        elif (steps >= 0).all() and 0.5 * usual < float(np.median(steps)) < 2 * usual:
+            shift = high + usual - time[at]
+            notes.append(
+                f"the clock was set back by {shift:.6g} s at {which.partition(' and')[0]}: what follows is "
+                f"moved on, one step of {_time(usual)} behind the row before"
+            )
+            time[at:] += shift
+        else:
+            break
+    for mend in (_still, _repeated):
+        if time.size > FEWEST_SAMPLES and bool((np.diff(time) >= 0).all()):
+            taken, time, said = mend(time, rows[places])
+            places, notes = places[taken], [*notes, *said]
+    return places, time, notes
+
+
+def _still(time: Array, rows: NDArray[np.int64]) -> _Mended:
+    """Leave out what stands behind the last tick of a clock that stopped."""
+    ticks = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0]))
+    end = int(ticks[-1]) + 1
+    rest = time.size - end
+    if ticks.size < 2 or rest < max(FEWEST_SAMPLES, 4 * int(np.diff(ticks).max())):
+        return np.arange(time.size), time, []
+    note = f"the clock stands still from data row {rows[end - 1]} on: {_counted(rest, 'row')} left out"
+    return np.arange(end), time[:end], [note]
+
+
+def _repeated(time: Array, rows: NDArray[np.int64]) -> _Mended:
+    """Leave out rows written twice in a regular clock; a stamp copied from the row before gets its own time."""
+    same, repeats = np.arange(time.size), np.flatnonzero(np.diff(time) == 0) + 1
+    rest = np.delete(time, repeats)
+    if not repeats.size or rest.size < FEWEST_SAMPLES or not _clock_of(time)[-1]:
+        return same, time, []
+    even, step = is_even(rest, np.diff(rest))
+    gaps, _, step = gaps_of_clock(rest, np.diff(rest), step, even)
+    if not even or off_line(rest, gaps, step).std() >= 0.3 * step:
+        return same, time, []
+    step = float(np.median(np.diff(rest)))
+    steps = np.diff(time, append=np.inf)[repeats]
+    missed = repeats[(steps > 1.5 * step) & np.isfinite(steps)]
+    twice = np.setdiff1d(repeats, missed)
+    time = time.copy()
+    time[missed] += step
+    clock, notes = f"by the regular clock of {_time(step)}", []
+    if missed.size:
+        first = f"data row {rows[missed[0]]} has the stamp of the row before and gets {time[missed[0]]:.6g} s"
+        notes.append(f"{first}, {clock} ({_counted(missed.size, 'such row')})")
+    if twice.size:
+        first = f"data row {rows[twice[0]]} was written twice, {clock}, and is left out"
+        notes.append(f"{first} ({_counted(twice.size, 'such row')})")
+    return np.delete(same, twice), np.delete(time, twice), notes
+
+
+def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) -> tuple[Array, list[str]]:
+    """Return a response without failed reads (NaN in their place) and without turns, and notes on what was done.
+
+    values: finite, in `unit` (SI), shape (n,). name: of its column: an angle turns by its unit or its name, a counter
+    by its whole numbers.
+    """
+    notes: list[str] = []
+    if values.size <= FEWEST_SAMPLES or np.abs(values).max() > max(_COUNTERS):
+        return values, notes
+    failed = _failed_reads(values)
+    if failed.any():
+        first = int(np.argmax(failed))
+        notes.append(
+            f"{failed.sum()} samples of {name!r} stand alone at {values[first]:.6g}, far from both neighbours, the "
+            f"first in data row {rows[first]}: failed reads, left out"
+        )
+    good = ~failed
+    whole, turn = _whole_turns(name, values[good], unit)
+    if turn:
+        first = int(np.argmax(np.abs(np.diff(values[good])) > 0.5 * turn))
+        size, at = "a whole turn" if unit == "rad" else f"{turn:g}", rows[good][first + 1]
+        notes.append(f"{name!r} jumps by {size} between neighbours, first in data row {at}: turns, unwrapped")
+    mended = np.full(values.size, np.nan)
+    mended[good] = whole
+    return mended, notes
+
+
+def _failed_reads(values: Array) -> Mask:
+    """Return which samples are a driver's word for a failed read: one value, alone again and again, out of range."""
+    steps = np.abs(np.diff(values))
+    usual = float(np.quantile(steps, 0.9))
+    off = np.minimum(np.r_[np.inf, steps], np.r_[steps, np.inf])
+    far = np.isfinite(off) & (off > 8 * usual) & (usual > 0)
+    if not far.any() or far.all():
+        return np.zeros(values.size, dtype=bool)
+    levels, counts = np.unique(np.round(values[far], 9), return_counts=True)
+    level = float(levels[np.argmax(counts)])
+    low, high = np.quantile(values[~far], [0.02, 0.98])
+    outside = abs(level - (low + high) / 2) > high - low
+    return np.asarray(far & (np.abs(values - level) < 1e-8) & outside & bool(counts.max() >= 3))
+
+
+def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
+    """Return values without their jumps by a turn, and the turn; 0 where they make none.
+
+    They fill more than half a turn and no more than one, jump by more than half of it now and then, and move by less
+    than a third of it else. Jumps there and back at once are no turns.
+    """
+    counts = _COUNTERS if unit == "1" and bool((values == np.rint(values)).all()) else ()
+    angles: tuple[float, ...] = (2 * np.pi,) if unit == "rad" else ()
+    if unit == "1" and says(name, "angle"):
+        angles = (360.0,) if counts else (360.0, 2 * np.pi)
+    steps, span = np.diff(values), float(np.ptp(values))
+    usual = float(np.quantile(np.abs(steps), 0.9))
+    for turn in (*angles, *counts):
+        jumps = np.abs(steps) > 0.5 * turn
+        if not (0 < jumps.mean() < 0.25 and 0.5 * turn < span <= 1.001 * turn and usual < 0.3 * turn):
+            continue
+        back = jumps[:-1] & jumps[1:] & (np.sign(steps[:-1]) != np.sign(steps[1:]))
+        whole = np.unwrap(values, period=turn)
+        rest = np.abs(np.diff(whole))
+        if 2 * back.sum() <= 0.8 * jumps.sum() and rest[jumps].max() <= 2 * rest[~jumps].max() < turn:
+            return np.asarray(whole), turn
+    return values, 0.0

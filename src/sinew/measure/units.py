@@ -48,12 +48,6 @@ _PREFERRED = (
 )
 _BY_NAME = {"hertz": "Hz", "joule": "J"}
 
-# Suffixes of column names that are clear about their unit, longest first.
-_SUFFIXES = {
-    re.sub(r"[/*]", "_", unit).lower(): unit
-    for unit in ("deg/s", "rad/s", "rad/s2", "m/s", "m/s2", "N*m", "s", "ms", "us", "deg", "rad", "m", "cm", "mm", "um")
-} | {"v": "V", "mv": "mV", "hz": "Hz", "dps": "deg/s"}
-_CLOCKS = {"millis": "ms", "micros": "us"}  # functions of the Arduino; loggers write their numbers under their names
 # What pint raises on text that is no unit, besides its own errors.
 _UNREADABLE = (tokenize.TokenError, ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
 _WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
@@ -189,28 +183,6 @@ def canonical_unit(unit: str) -> tuple[str, float]:
     return _preferred().get(base) or f"{base:~C}", factor
 
 
-def unit_in_name(column: str) -> str | None:
-    """Return the unit that a column's name states, or None.
-
-    Brackets state it ("angle (deg)", "x [mm]"), and so do the suffixes that can hardly mean anything else
-    ("t_ms", "Tip-1_x_m", "gyro_deg_s"). A bracket that holds no unit is a remark and states nothing.
-    """
-    bracket = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", column)
-    clock = _CLOCKS.get(column[: bracket.start() if bracket else None].strip().lower().removeprefix("time_"))
-    if bracket:
-        try:
-            canonical_unit(bracket[1])
-        except UnitError:
-            return clock
-        return bracket[1].strip() or clock
-    if clock:
-        return clock
-    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
-        if column.lower().endswith(f"_{suffix}"):
-            return _SUFFIXES[suffix]
-    return None
-
-
 def with_unit(words: str, unit: str) -> str:
     """Return the head of a column of a quantity: "force/N", "decay rate/(1/s)", "gain" of a plain number."""
     if unit in ("1", ""):
@@ -258,8 +230,3 @@ def _token(token: str) -> tuple[str, int] | None:
     """Return symbol and power of a unit in a name ("s2" gives ("s", 2)), None of what is no unit."""
     found = re.fullmatch(r"([a-z]+?)([2-6]?)", token)
     return (_TOKENS[found[1]], int(found[2] or 1)) if found and found[1] in _TOKENS else None
-
-
-def unit_suffix(unit: str) -> str | None:
-    """Return the suffix that states a unit in a name ("rad/s" gives "rad_s"), or None where there is none."""
-    return next((suffix for suffix, stated in _SUFFIXES.items() if stated == unit), None)

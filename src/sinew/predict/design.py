@@ -15,9 +15,10 @@ from scipy.optimize import least_squares
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError, UnitError
 from sinew.measure.estimate import Estimate
-from sinew.measure.files.csv import find_columns, numbers, read_table
+from sinew.measure.files.names import find_columns, unit_in_name
+from sinew.measure.read import numbers, read_table
 from sinew.measure.result import Field, Result
-from sinew.measure.units import convert, unit_in_name
+from sinew.measure.units import convert
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import complaint
 from sinew.predict.band import carried_over
@@ -122,8 +123,7 @@ def _read_columns(path: Path, columns: str) -> tuple[Array, Array]:
     table, found = read_table(path), []
     for spec, default, unit in zip(specs, ("1", ""), ("1", "Pa"), strict=True):
         (name,), stated = find_columns(table, spec)
-        stated = stated or unit_in_name(name) or default
-        if not stated:
+        if not (stated := stated or unit_in_name(name) or default):
             raise UnitError(f"the unit of the stress in column {name!r} is not known; write it as {name}:kPa")
         found.append(numbers(table, name) * convert(stated, unit))
     return found[0], found[1]

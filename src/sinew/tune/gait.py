@@ -23,7 +23,7 @@ from vqf import offlineVQF
 from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.measure.files.csv import Imu, MarkerPair, WalkRecord
+from sinew.measure.files.walk import Imu, MarkerPair, WalkRecord
 from sinew.measure.result import Field, Result, Rows
 from sinew.measure.units import STANDARD_GRAVITY
 

@@ -16,7 +16,7 @@ import numpy as np
 from sinew.apps.dashboard.work.samples import GAP_S, JournalTail, LiveChannels, News
 from sinew.bench.record.journal import JournalReader, is_being_written
 from sinew.measure.errors import SinewError, how_to_install
-from sinew.measure.units import unit_suffix
+from sinew.measure.files.names import unit_suffix
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig

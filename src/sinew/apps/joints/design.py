@@ -43,7 +43,7 @@ def _gait_of(options: WalkOptions) -> "tuple[GaitTarget, list[str]]":
 
     Raises SpecError where options do not go together, FileError or RecordingError for a file that holds no gait.
     """
-    from sinew.measure.files.csv import WalkColumns, read_walk
+    from sinew.measure.files.walk import WalkColumns, read_walk
     from sinew.tune.gait import body_motion, estimate_gait, target_of_walks
 
     bodies = {role: name for role in ("pelvis", "trunk") if (name := getattr(options, role)) is not None}

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.points import ResponsePoints
-    from sinew.measure.files.csv import Table as CsvTable
+    from sinew.measure.files.names import Table as CsvTable
     from sinew.measure.tasks import Spread
 
     Array = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -357,7 +357,7 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
-    from sinew.measure.files.csv import read_stretch
+    from sinew.measure.read import read_stretch, read_table
 
     if asked.excitation is None and asked.input_ is not None:
         raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
@@ -372,18 +372,9 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     samples = None
     if train is not None:  # those of both ranges and between them; without a test all behind the first
         samples = (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
-    found = read_stretch(
-        asked.file,
-        {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_}),
-        time=asked.time,
-        rate_hz=asked.rate,
-        run=asked.run,
-        columns=asked.columns,
-        start_s=asked.start,
-        stop_s=asked.stop,
-        samples=samples,
-        gaps=asked.gaps,
-    )
+    table = read_table(asked.file, run=asked.run, columns=asked.columns, time=asked.time)
+    roles = {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_})
+    found = read_stretch(table, roles, asked.time, asked.rate, (asked.start, asked.stop), samples, asked.gaps)
     timeline = found.timeline
     part = max(timeline.pieces, key=lambda piece: piece.stop - piece.start)
     stamps, response = timeline.time_s[part], found.values["output"][part]
@@ -429,8 +420,9 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
     """Return a column, or the mean of several, in SI, the SI unit, and the unit that it came in."""
     import numpy as np
 
-    from sinew.measure.files.csv import find_columns, numbers
-    from sinew.measure.units import canonical_unit, unit_in_name
+    from sinew.measure.files.names import find_columns, unit_in_name
+    from sinew.measure.read import numbers
+    from sinew.measure.units import canonical_unit
 
     names, stated = find_columns(table, spec)
     said = stated or unit_in_name(names[0]) or "1"
@@ -441,7 +433,8 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
 def _table_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
     """Return the points in a table of steady states."""
     from sinew.identify.points import points_of_table
-    from sinew.measure.files.csv import find_columns, numbers, read_table
+    from sinew.measure.files.names import find_columns
+    from sinew.measure.read import numbers, read_table
 
     if asked.input_ is None or asked.output is None:
         missing = "--output COL" if asked.output is None else "--input COL"

@@ -1,16 +1,18 @@
-"""Files of other programs, read and written: MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet and MCAP, each by its library.
+"""What a file is, told by its first bytes: text, MATLAB, HDF5, TDMS, UFF 58, Excel, npz, Parquet, MCAP or JSON.
 
-A file is told by its first bytes, never by its name. What it holds becomes runs of columns, as a text's does.
+Each is read by its library, and what it holds becomes runs of columns, as a text's does. What the file states of
+units, steps and starts is taken.
 """
 
 import importlib
 import io
 import json
-import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
-from functools import partial
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,49 +23,70 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
 from sinew.measure.arrays import Array
-from sinew.measure.errors import FileError, SinewError, SpecError, how_to_install
-from sinew.measure.files.runs import (
+from sinew.measure.errors import FileError, RecordingError, SinewError, SpecError, how_to_install
+from sinew.measure.files.names import (
+    Table,
+    find_columns,
+    listed,
+    number_columns,
+    time_columns,
+    unit_suffix,
+    unlike,
+    with_unit,
+)
+from sinew.measure.files.text import (
     MADE_TIME,
-    Column,
     Opened,
     Run,
-    Table,
     noted,
-    number_columns,
-    runs_of_columns,
-    time_columns,
+    notes_of,
+    open_text,
+    read_text,
+    stated_step,
+    with_time,
 )
-from sinew.measure.files.text import open_text, table_of_cells
 from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
-from sinew.measure.units import unit_suffix
 from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
-_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratehz|fshz", re.I)
-_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|deltat|deltax", re.I)
+_FEWEST_ROWS = 8  # of a run that a restart of the clock begins: fewer cannot be analysed
+_UNITS = ("units", "unit", "Units", "Unit", "unit_string", "NI_UnitDescription")
 
 
 def open_file(path: Path, width: int | None = None) -> Opened:
     """Return what somebody's file of measurements holds, whatever its format. width: as in `open_text`.
 
-    Raises FileError where the file is absent, its format is not known or it cannot be read, or the library that reads
-    it is missing.
+    Raises FileError where the file is absent, empty, its format is not known, it cannot be read, or the library that
+    reads it is missing.
     """
     if path.is_dir():
         bags = sorted(path.glob("*.mcap"))
-        if len(bags) == 1 and (path / "metadata.yaml").is_file():
-            return _open_mcap(bags[0])
-        raise FileError(f"{path} is a folder, expected a CSV file or another table; name a file in it")
+        if len(bags) != 1 or not (path / "metadata.yaml").is_file():
+            raise FileError(f"{path} is a folder, expected a CSV file or another table; name a file in it")
+        path = bags[0]
     try:
         with path.open("rb") as file:
             head = file.read(600)
     except OSError as error:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    for sign, opener in _OPENERS:
-        if sign(head):
-            refuse_beyond_memory(path, 2 * path.stat().st_size)
-            return opener(path)
-    return open_text(path, width)
+    if not head.strip():
+        raise FileError(f"{path} is empty; expected a header line with column names and rows of numbers below it")
+    what, opener = next((rest for begins, *rest in _FORMATS if re.match(begins, head)), ("", None))
+    if opener is None:
+        return open_text(path, width)
+    if isinstance(opener, str):
+        raise FileError(f"{path} is not a text table, it is {what}; {opener}")
+    refuse_beyond_memory(path, 2 * path.stat().st_size)
+    try:
+        opened = opener(path)
+    except (SinewError, MemoryError):
+        raise
+    except Exception as error:  # each library has errors of its own, and plain ones
+        said = " ".join(str(error).split())[:160] or type(error).__name__
+        raise FileError(
+            f"{path} begins as {what} but cannot be read, it is cut short or damaged ({said}); else export it as CSV"
+        ) from error
+    return opened if opened is not None else open_text(path, width)
 
 
 def library(path: Path, module: str, package: str, what: str, does: str = "reads") -> Any:
@@ -80,33 +103,37 @@ def library(path: Path, module: str, package: str, what: str, does: str = "reads
         ) from error
 
 
-@contextmanager
-def _reading(path: Path, what: str) -> Iterator[None]:
-    """Turn whatever a library says of a bad file into a FileError: each has errors of its own, and plain ones."""
-    try:
-        yield
-    except (SinewError, MemoryError):
-        raise
-    except Exception as error:
-        said = " ".join(str(error).split())[:160] or type(error).__name__
-        raise FileError(
-            f"{path} is not a text table, it is {what}, and cannot be read ({said}); is it whole? else export it as CSV"
-        ) from error
+# MATLAB, HDF5, npz: a tree of arrays, some of which make a run.
 
 
-# MATLAB and HDF5: a tree of arrays.
+@dataclass(frozen=True)
+class _Column:
+    """One array of a file: group and name of it, values of shape (n,), its unit, step and start [s] where stated."""
+
+    group: str
+    name: str
+    values: NDArray[Any]
+    unit: str | None = None
+    step_s: float | None = None
+    start_s: float = 0.0
 
 
 def _open_mat(path: Path) -> Opened:
-    with _reading(path, "MAT, a file of MATLAB"):
-        held = loadmat(path, simplify_cells=True)
-    return _opened(path, "MATLAB 5", _arrays({key: value for key, value in held.items() if not key.startswith("__")}))
+    read = loadmat(path, simplify_cells=True)
+    return _opened(path, "MATLAB 5", _arrays({key: value for key, value in read.items() if not key.startswith("__")}))
 
 
-def _arrays(tree: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, str, Any]]:
-    """Yield (group, name, value) of everything in a tree of structs."""
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
+def _open_npz(path: Path) -> Opened:
+    with np.load(path, allow_pickle=False) as file:
+        return _opened(path, "npz (NumPy)", [("", name, file[name]) for name in file.files], axes="xyz")
+
+
+def _arrays(tree: Any, group: str = "") -> Iterator[tuple[str, str, Any]]:
+    """Yield (group, name, value) of everything in a tree of structs, and of cells that hold structs."""
+    cells = isinstance(tree, (list, np.ndarray))
+    for name, value in [(str(k), v) for k, v in enumerate(tree, start=1)] if cells else tree.items():
+        structs = isinstance(value, (list, np.ndarray)) and len(np.shape(value)) == 1 and len(value) <= _MOST_COLUMNS
+        if isinstance(value, Mapping) or (structs and any(isinstance(one, Mapping) for one in value)):
             yield from _arrays(value, f"{group}/{name}".lstrip("/"))
         else:
             yield group, str(name), value
@@ -116,82 +143,132 @@ def _open_hdf5(path: Path) -> Opened:
     h5py = library(path, "h5py", "h5py", "HDF5 or NetCDF")
     found: list[tuple[str, str, Any]] = []
     units: dict[tuple[str, str], str] = {}
+    with path.open("rb") as file:
+        is_matlab = file.read(6) == b"MATLAB"
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or name.startswith("#"):
             return
-        if "MATLAB_class" in item.attrs and item.attrs["MATLAB_class"] in (b"char", b"cell"):
+        if item.attrs.get("MATLAB_class") in (b"char", b"cell"):
             return
         group, _, own = name.rpartition("/")
         values = item[()]
         found.append((group, own, values.T if is_matlab and np.ndim(values) == 2 else values))
-        unit = next((item.attrs[key] for key in ("units", "unit", "Units", "Unit") if key in item.attrs), None)
+        unit = next((item.attrs[key] for key in _UNITS if key in item.attrs), None)
         if isinstance(unit, (str, bytes)):
             units[group, own] = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
 
-    with path.open("rb") as file:
-        is_matlab = file.read(6) == b"MATLAB"
-    with _reading(path, "MAT 7.3, a file of MATLAB" if is_matlab else "HDF5 or NetCDF"), h5py.File(path, "r") as file:
+    with h5py.File(path, "r") as file:
         file.visititems(visit)
     return _opened(path, "MATLAB 7.3 (HDF5)" if is_matlab else "HDF5", found, units)
 
 
 def _opened(
-    path: Path, form: str, found: Iterable[tuple[str, str, Any]], units: Mapping[tuple[str, str], str] | None = None
+    path: Path,
+    form: str,
+    found: Iterable[tuple[str, str, Any]],
+    units: Mapping[tuple[str, str], str] | None = None,
+    axes: str = "",
 ) -> Opened:
-    """Return the runs of a tree of arrays; a scalar that is named like a rate or a step gives its group a time."""
-    columns: list[Column] = []
+    """Return the runs of a tree of arrays; a scalar that is named like a rate or a step gives its group a time.
+
+    axes: names of the columns of an array that has as many; numbers from 1 else.
+    """
+    columns: list[_Column] = []
     steps: dict[str, float] = {}
     for group, name, value in found:
         values = np.asarray(value)
-        word = re.sub(r"[\s_]", "", name)
-        if values.dtype.kind not in "fiu":
+        flat = values.squeeze()
+        if values.dtype.kind not in "fiu" or flat.ndim > 2 or (flat.ndim == 2 and min(flat.shape) > _MOST_COLUMNS):
             continue
-        if values.size == 1:
-            number = float(values.ravel()[0])
-            if number > 0 and math.isfinite(number) and (_RATES.fullmatch(word) or _STEPS.fullmatch(word)):
-                steps[group] = 1.0 / number if _RATES.fullmatch(word) else number
-            continue
-        columns += _columns_of(group, name, values, (units or {}).get((group, name)))
+        if not flat.ndim:
+            if step := stated_step(name, float(flat)):
+                steps[group] = step
+        elif flat.ndim == 1:
+            columns.append(_Column(group, name, flat, (units or {}).get((group, name))))
+        else:
+            tall, unit = flat if flat.shape[0] >= flat.shape[1] else flat.T, (units or {}).get((group, name))
+            labels = axes if tall.shape[1] == len(axes) else range(1, tall.shape[1] + 1)
+            columns += [_Column(group, f"{name}_{label}", one, unit) for label, one in zip(labels, tall.T, strict=True)]
     if not columns:
         raise FileError(f"{path} holds no columns of numbers; expected arrays of one number for each sample")
-    stated = [Column(one.group, one.name, one.values, one.unit, steps.get(one.group, steps.get(""))) for one in columns]
-    return Opened(form, runs_of_columns(stated))
+    stated = [replace(one, step_s=steps.get(one.group, steps.get(""))) for one in columns]
+    return Opened(form, _runs_of(stated))
 
 
-def _columns_of(group: str, name: str, values: NDArray[Any], unit: str | None) -> list[Column]:
-    flat = values.squeeze()
-    if flat.ndim == 1:
-        return [Column(group, name, flat, unit)]
-    if flat.ndim != 2 or min(flat.shape) > _MOST_COLUMNS:
-        return []
-    tall = flat if flat.shape[0] >= flat.shape[1] else flat.T
-    return [Column(group, f"{name}_{k}", tall[:, k - 1], unit) for k in range(1, tall.shape[1] + 1)]
+def _runs_of(columns: Sequence[_Column], *, apart: bool = False) -> tuple[Run, ...]:
+    """Return the runs that columns of a file with groups make up.
+
+    Each group is a run. Unless groups are to stay apart, those of which all columns have one length, and which do not
+    repeat each other's names, are one table, whose columns are named by their paths.
+    """
+    groups: dict[str, list[_Column]] = {}
+    for column in columns:
+        groups.setdefault(column.group, []).append(column)
+    one_length = len({column.values.size for column in columns}) == 1
+    all_names = [column.name for column in columns]
+    apart = apart or (len(set(all_names)) < len(all_names) and max(map(len, groups.values())) > 1)
+    if len(groups) > 1 and one_length and not apart:
+        whole = [replace(column, name=f"{column.group}/{column.name}".lstrip("/")) for column in columns]
+        return (Run("", _table_of(whole)),)
+    return tuple(Run(name, _table_of(group)) for name, group in groups.items())
+
+
+def _table_of(columns: Sequence[_Column]) -> Table:
+    """Return columns as a table; those of another length than most samples have are left out, with a note."""
+    sizes = [column.values.size for column in columns]
+    usual = max(sorted(set(sizes), reverse=True), key=sizes.count)
+    chosen = [column for column in columns if column.values.size == usual]
+    names = unlike([with_unit(column.name, column.unit) for column in chosen])
+    table = pd.DataFrame(dict(zip(names, (column.values for column in chosen), strict=True)))
+    if left := [column.name for column in columns if column.values.size != usual]:
+        table = noted(table, f"columns of another length than {usual} are left out: {', '.join(left[:8])}")
+    steps = {column.step_s for column in chosen if column.step_s}
+    starts = [column.start_s for column in chosen if column.step_s]
+    if len(steps) != 1 or (time_columns(table) and len(set(starts)) < 2):
+        return table
+    step = float(steps.pop() or 0.0)
+    return with_time(table, step, starts[0]) if len(set(starts)) == 1 else _together(table, step, np.array(starts))
+
+
+def _together(table: Table, step_s: float, starts: Array) -> Table:
+    """Return columns that begin at different times [s] at common ones, from the latest of them on."""
+    late = (starts.max() - starts) / step_s
+    count = int(len(table) - late.max() + 1e-6)
+    if len(starts) < table.shape[1] or count < 1:
+        raise FileError("its channels begin at different times and have none in common; export them with their times")
+    moved = pd.DataFrame(index=range(count))
+    for (name, column), steps in zip(table.items(), late, strict=True):
+        at = steps + np.arange(count)
+        at = np.rint(at) if abs(steps - round(steps)) < 1e-3 else at  # whole steps: the samples themselves
+        moved[name] = np.interp(at, np.arange(len(table)), column.to_numpy(dtype=float))
+    lags = zip(table.columns, starts - starts.min(), strict=True)
+    said = ", ".join(f"{name!r} {lag:g} s" for name, lag in lags if lag > 0)
+    note = f"the channels do not begin together, as the file states; later than the first: {said}; brought to one time"
+    return noted(with_time(moved, step_s, float(starts.max() - starts.min())), *notes_of(table), note)
 
 
 # TDMS of LabVIEW, and the universal file format of modal analysis.
 
 
-_TDMS_UNITS = ("unit_string", "NI_UnitDescription", "Unit")
-
-
 def _open_tdms(path: Path) -> Opened:
     nptdms = library(path, "nptdms", "npTDMS", "a TDMS file of LabVIEW")
     columns = []
-    with _reading(path, "TDMS, a file of LabVIEW"):
-        for group in nptdms.TdmsFile.read(path).groups():
-            for channel in group.channels():
-                values = np.asarray(channel[:])
-                if not values.size or values.dtype.kind not in "fiuM":
-                    continue
-                told = channel.properties
-                unit = next((str(told[key]) for key in _TDMS_UNITS if told.get(key)), None)
-                step = float(told.get("wf_increment") or 0.0) or None
-                start = float(told.get("wf_start_offset") or 0.0)
-                columns.append(Column(group.name, channel.name, values, unit, step, start))
+    for group in nptdms.TdmsFile.read(path).groups():
+        begins = [one.properties["wf_start_time"] for one in group.channels() if "wf_start_time" in one.properties]
+        for channel in group.channels():
+            values, stated = np.asarray(channel[:]), channel.properties
+            if not values.size or values.dtype.kind not in "fiuM":
+                continue
+            unit = next((str(stated[key]) for key in _UNITS if stated.get(key)), None)
+            start = float(stated.get("wf_start_offset") or 0.0)
+            if "wf_start_time" in stated:
+                start += float((stated["wf_start_time"] - min(begins)) / np.timedelta64(1, "s"))
+            step = float(stated.get("wf_increment") or 0.0) or None
+            columns.append(_Column(group.name, channel.name, values, unit, step, start))
     if not columns:
         raise FileError(f"{path} is a TDMS file without a channel of numbers; record again or choose another file")
-    return Opened("TDMS (LabVIEW)", runs_of_columns(columns, apart=True))
+    return Opened("TDMS (LabVIEW)", _runs_of(columns, apart=True))
 
 
 _DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z", 4: "+RX", -4: "-RX", 5: "+RY", -5: "-RY"}
@@ -199,54 +276,55 @@ _TIME_RECORDS = (0, 1)  # of the function types of UFF 58: general or not known,
 
 
 def _open_uff(path: Path) -> Opened:
-    pyuff = library(path, "pyuff", "pyuff", "a universal file (UFF)")
-    with _reading(path, "a universal file (UFF)"):
-        file = pyuff.UFF(str(path))
-        kinds = [int(kind) for kind in file.get_set_types()]
-        held = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58]
-        sets = [one for one in held if int(one["func_type"]) in _TIME_RECORDS and not np.iscomplexobj(one["data"])]
+    file = library(path, "pyuff", "pyuff", "a universal file (UFF)").UFF(str(path))
+    kinds = [int(kind) for kind in file.get_set_types()]
+    held = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58]
+    sets = [one for one in held if int(one["func_type"]) in _TIME_RECORDS and not np.iscomplexobj(one["data"])]
     if not sets:
+        over = f" and {len(held)} functions over frequency" if held else ""
         raise FileError(
             f"{path} is a universal file without a time record (type 58, function 1); it holds data sets of type "
-            f"{', '.join(map(str, sorted(set(kinds)))) or 'none'}; export the time records"
+            f"{', '.join(map(str, sorted(set(kinds)))) or 'none'}{over}; export the time records"
         )
-    columns: list[Column] = []
+    groups: dict[str, list[_Column]] = {}
     seen: dict[str, int] = {}
-    with _reading(path, "a universal file (UFF)"):
-        for one in sets:
-            node, turn, title = int(one["rsp_node"]), int(one["rsp_dir"]), str(one["id1"]).strip()
-            name = f"{node}{_DIRECTIONS.get(turn, '')}" if node or turn else title or "response"
-            seen[name] = seen.get(name, 0) + 1  # a sensor that comes again begins another run
-            group, unit = f"set {seen[name]}", str(one.get("ordinate_axis_units_lab", ""))
-            values, x = np.asarray(one["data"], dtype=float), np.asarray(one["x"], dtype=float)
-            even = int(one["abscissa_spacing"]) == 1
-            if not even and not any((column.group, column.name) == (group, MADE_TIME) for column in columns):
-                columns.append(Column(group, MADE_TIME, x))
-            step = float(one["abscissa_inc"]) if even else None
-            columns.append(Column(group, name, values, unit, step, float(x[0])))
-    groups = list(dict.fromkeys(column.group for column in columns))
-    runs = [run for group in groups for run in runs_of_columns([c for c in columns if c.group == group])]
-    return Opened("universal file (UFF 58)", tuple(runs))
+    for one in sets:
+        node, turn, title = int(one["rsp_node"]), int(one["rsp_dir"]), str(one["id1"]).strip()
+        name = f"{node}{_DIRECTIONS.get(turn, '')}" if node or turn else title or "response"
+        seen[name] = seen.get(name, 0) + 1  # a sensor that comes again begins another run
+        group, unit = f"set {seen[name]}", str(one.get("ordinate_axis_units_lab", ""))
+        values, x = np.asarray(one["data"], dtype=float), np.asarray(one["x"], dtype=float)
+        even, columns = int(one["abscissa_spacing"]) == 1, groups.setdefault(group, [])
+        if not even and MADE_TIME not in [column.name for column in columns]:
+            columns.append(_Column(group, MADE_TIME, x))
+        columns.append(_Column(group, name, values, unit, float(one["abscissa_inc"]) if even else None, float(x[0])))
+    return Opened("universal file (UFF 58)", tuple(run for group in groups.values() for run in _runs_of(group)))
 
 
-# Excel and Parquet: tables already.
+# Tables already: Excel, Parquet, JSON.
 
 
-def _open_excel(path: Path) -> Opened:
+def _open_zip(path: Path) -> Opened:
+    """Return what a zip archive or an old Excel file holds: arrays of NumPy, or sheets, read as a text of tabs is."""
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+        if any(name.endswith(".npy") for name in names):
+            return _open_npz(path)
     from python_calamine import CalamineWorkbook
 
+    book = CalamineWorkbook.from_path(path)
     runs: list[Run] = []
-    with _reading(path, "a zip archive or an Excel file"):
-        book = CalamineWorkbook.from_path(path)
-        sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=True) for name in book.sheet_names}
     refused = ""
-    for name, rows in sheets.items():
+    for name in book.sheet_names:
+        rows = book.get_sheet_by_name(name).to_python(skip_empty_area=True)
+        text = "\n".join("\t".join(map(_cell, row)) for row in rows)
         try:
-            found = table_of_cells([[_cell(cell) for cell in row] for row in rows], f"sheet {name!r} of {path}")
+            _, found = read_text(f"sheet {name!r} of {path}", text, separator="\t")
         except FileError as error:
             refused = refused or str(error)
             continue
-        runs += [Run(f"{name} {label}".strip(), partial(noted, table)) for label, table in found]
+        runs += [Run(f"{name} {label}".strip(), table) for label, table in found]
     if not runs:
         raise FileError(refused or f"{path} is an Excel file without a sheet; export the table as CSV")
     return Opened("Excel", tuple(runs))
@@ -256,18 +334,58 @@ def _cell(cell: Any) -> str:
     """Return a cell of a sheet as text: numbers in full, dates and times by ISO 8601."""
     if isinstance(cell, float):
         return repr(cell)
-    return cell.isoformat() if hasattr(cell, "isoformat") else str(cell).strip()
+    return cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).split())
 
 
 def _open_parquet(path: Path) -> Opened:
     fastparquet = library(path, "fastparquet", "fastparquet", "a Parquet file")
     # Of a path it would leave the file open, and of a damaged file it prints what no caller asked for.
-    with _reading(path, "a Parquet file"), path.open("rb") as file, redirect_stdout(io.StringIO()):
+    with path.open("rb") as file, redirect_stdout(io.StringIO()):
         table = fastparquet.ParquetFile(file).to_pandas()
     if table.index.name is not None:
         table = table.reset_index()
-    table = table.reset_index(drop=True).set_axis(pd.Index(list(map(str, table.columns))), axis=1)
-    return Opened("Parquet", (Run("", partial(noted, table)),))
+    return Opened("Parquet", (Run("", _plain(table)),))
+
+
+def _plain(table: Table) -> Table:
+    return table.reset_index(drop=True).set_axis(pd.Index(list(map(str, table.columns))), axis=1)
+
+
+def _open_json(path: Path) -> Opened | None:
+    """Return the longest list of samples in a JSON file, or its lines of objects; None where it is no JSON."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    try:
+        tree = json.loads(text)
+    except json.JSONDecodeError as error:
+        try:
+            tree = [json.loads(line) for line in text.splitlines() if line.strip()]
+        except json.JSONDecodeError:
+            if text.lstrip().startswith("{"):
+                raise FileError(f"{path} begins as JSON but cannot be read, it is cut short ({error})") from error
+            return None
+    name, table = max(_lists(tree), key=lambda found: len(found[1]), default=("", pd.DataFrame()))
+    if len(table) < 2:
+        raise FileError(f"{path} is JSON without a list of samples; write its samples as a table")
+    note = f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"
+    return Opened("JSON", (Run("", noted(_plain(table), note)),))
+
+
+def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
+    """Yield (name, samples) of every list of objects or of rows, and of the lists of one length in an object."""
+    if isinstance(tree, list) and tree and all(isinstance(one, (Mapping, list)) for one in tree):
+        objects = isinstance(tree[0], Mapping)
+        table = pd.json_normalize(tree) if objects else pd.DataFrame(tree).rename(columns=lambda k: k + 1)
+        if objects or table.shape[1] <= _MOST_COLUMNS:
+            yield name, table
+    elif isinstance(tree, Mapping):
+        flat = {key: one for key, one in tree.items() if isinstance(one, list) and one and np.ndim(one[0]) == 0}
+        flat = {key: one for key, one in flat.items() if not isinstance(one[0], Mapping)}
+        sizes = [len(one) for one in flat.values()]
+        if sizes:
+            yield name, pd.DataFrame({key: one for key, one in flat.items() if len(one) == max(sizes, key=sizes.count)})
+        for key, one in tree.items():
+            if key not in flat:
+                yield from _lists(one, f"{name}.{key}".lstrip("."))
 
 
 # MCAP, which rosbag2 writes: a run is a topic, a column each number of its messages.
@@ -275,11 +393,11 @@ def _open_parquet(path: Path) -> Opened:
 
 def _open_mcap(path: Path) -> Opened:
     reader = library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
-    with _reading(path, "an MCAP file (rosbag2)"), path.open("rb") as file:
+    with path.open("rb") as file:
         summary = reader.make_reader(file).get_summary()
-        topics = list(dict.fromkeys(channel.topic for channel in summary.channels.values())) if summary else []
-    tables = {topic: _read_topic(path, topic) for topic in topics}
-    runs = [Run(topic, partial(noted, table)) for topic, table in tables.items() if table is not None]
+    topics = list(dict.fromkeys(channel.topic for channel in summary.channels.values())) if summary else []
+    tables = {topic: _read_topic(path, reader, topic) for topic in topics}
+    runs = [Run(topic, table) for topic, table in tables.items() if table is not None]
     if not runs:
         raise FileError(
             f"{path} is an MCAP file without a topic of numbers (of {', '.join(topics) or 'none'}); messages of ROS 2 "
@@ -288,13 +406,12 @@ def _open_mcap(path: Path) -> Opened:
     return Opened("MCAP (rosbag2)", tuple(runs))
 
 
-def _read_topic(path: Path, topic: str) -> "Table | None":
+def _read_topic(path: Path, reader: Any, topic: str) -> Table | None:
     """Return a topic as a table, with its headers' time, its own or the log's; None where it holds no numbers."""
-    reader = library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
     ros = library(path, "mcap_ros2.decoder", "mcap-ros2-support", "an MCAP file (rosbag2)")
     rows: list[dict[str, float]] = []
     logged: list[int] = []
-    with _reading(path, "an MCAP file (rosbag2)"), path.open("rb") as file:
+    with path.open("rb") as file:
         factory = ros.DecoderFactory()
         for schema, channel, message in reader.make_reader(file).iter_messages(topics=[topic]):
             decode: Callable[[bytes], Any] | None = factory.decoder_for(channel.message_encoding, schema)
@@ -326,51 +443,94 @@ def _numbers_in(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
     """Yield (path, number) of every number in a message; a list of more than `_MOST_COLUMNS` is left out."""
     if isinstance(message, (bool, int, float)):
         yield path, float(message)
-    elif isinstance(message, Mapping):
-        for name, value in message.items():
-            yield from _numbers_in(value, f"{path}.{name}".lstrip("."))
+        return
+    if hasattr(message, "tolist"):
+        message = message.tolist()
+    parts: Iterable[tuple[Any, Any]] = ()
+    if isinstance(message, Mapping):
+        parts = message.items()
     elif isinstance(message, (list, tuple)):
-        for place, value in enumerate(message if len(message) <= _MOST_COLUMNS else ()):
-            yield from _numbers_in(value, f"{path}.{place}".lstrip("."))
-    elif hasattr(message, "tolist"):
-        yield from _numbers_in(message.tolist(), path)
+        parts = enumerate(message if len(message) <= _MOST_COLUMNS else ())
     elif hasattr(message, "__slots__") and not isinstance(message, (str, bytes)):
-        for name in message.__slots__:
-            if not name.startswith("_"):
-                yield from _numbers_in(getattr(message, name), f"{path}.{name}".lstrip("."))
+        parts = [(name, getattr(message, name)) for name in message.__slots__ if not name.startswith("_")]
+    for name, value in parts:
+        yield from _numbers_in(value, f"{path}.{name}".lstrip("."))
 
 
-def _refuse(what: str, how: str, path: Path) -> Opened:
-    raise FileError(f"{path} is not a text table, it is {what}; {how}")
-
-
-_UFF = re.compile(rb"\s*-1\s*\r?\n\s*\d+b?\s")
-_OPENERS: tuple[tuple[Callable[[bytes], object], Callable[[Path], Opened]], ...] = (
-    (lambda head: head.startswith(b"MATLAB 7.3"), _open_hdf5),
-    (lambda head: head.startswith(b"MATLAB 5"), _open_mat),
-    (lambda head: head.startswith(b"\x89HDF\r\n\x1a\n"), _open_hdf5),
-    (lambda head: head.startswith(b"TDSm"), _open_tdms),
-    (lambda head: head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")), _open_excel),
-    (lambda head: head.startswith(b"PAR1"), _open_parquet),
-    (lambda head: head.startswith(b"\x89MCAP"), _open_mcap),
-    (_UFF.match, _open_uff),
-    (
-        lambda head: head.startswith(b"CDF"),
-        partial(_refuse, "NetCDF", "export it as CSV, or give a recording without columns"),
-    ),
-    (
-        lambda head: head.startswith(b"SQLite format 3"),
-        partial(_refuse, "a rosbag2 of SQLite", "turn it into MCAP with `ros2 bag convert`"),
-    ),
-    (
-        lambda head: head.startswith(b"#ROSBAG"),
-        partial(_refuse, "a bag of ROS 1", "turn it into MCAP with `mcap convert`"),
-    ),
+_FORMATS: tuple[tuple[bytes, str, Callable[[Path], Opened | None] | str], ...] = (
+    (b"MATLAB 7.3", "MAT 7.3, a file of MATLAB", _open_hdf5),
+    (b"MATLAB 5", "MAT, a file of MATLAB", _open_mat),
+    (b"\x89HDF\r\n\x1a\n", "HDF5 or NetCDF", _open_hdf5),
+    (b"TDSm", "TDMS, a file of LabVIEW", _open_tdms),
+    (b"PK\x03\x04|\xd0\xcf\x11\xe0", "a zip archive (Excel, npz) or an Excel file", _open_zip),
+    (b"PAR1", "a Parquet file", _open_parquet),
+    (b"\x89MCAP", "an MCAP file (rosbag2)", _open_mcap),
+    (rb"\s*-1\s*\r?\n\s*\d+b?\s", "a universal file (UFF)", _open_uff),
+    (rb"(\xef\xbb\xbf)?\s*[\[{]", "JSON", _open_json),
+    (b"CDF", "NetCDF", "export it as CSV, or give a recording without columns"),
+    (b"SQLite format 3", "a rosbag2 of SQLite", "turn it into MCAP with `ros2 bag convert`"),
+    (b"#ROSBAG", "a bag of ROS 1", "turn it into MCAP with `mcap convert`"),
+    (b"version https://git-lfs", "a pointer to a file kept elsewhere (Git LFS)", "fetch it with `git lfs pull`"),
+    (rb"\.*/[^\n]*annex/objects/", "a pointer to a file kept elsewhere (git-annex)", "fetch it with `git annex get`"),
 )
+"""How a file begins, what that is, and what reads it; or what to do where nothing does."""
+
+
+# The runs of a file.
+
+
+def choose_run(opened: Opened, run: int | str | None, source: str) -> Table:
+    """Return the table of a run, by its number from 1 or its name; of a file with one run None is enough.
+
+    Raises RecordingError, with the list of runs, where none is chosen of several or there is none of that name.
+    """
+    runs = opened.runs
+    if run is None and len(runs) == 1:
+        return runs[0].table
+    names = listed((f"{k} {one.name!r}" if one.name else str(k) for k, one in enumerate(runs, start=1)))
+    if run is None:
+        raise RecordingError(
+            f"{source} holds {len(runs)} runs: {names}; choose one by its number or name, as --run 1 (run=1)"
+        )
+    text = str(run).strip()
+    named = [one for one in runs if one.name == text and not isinstance(run, int)]
+    if len(named) == 1:
+        return named[0].table
+    if text.isdecimal() and 1 <= int(text) <= len(runs):
+        return runs[int(text) - 1].table
+    raise RecordingError(f"{source} has no run {text!r}; it holds {names}")
+
+
+def with_restarts(opened: Opened, time: str | None) -> Opened:
+    """Return what a file holds, its one run taken apart where its time starts anew.
+
+    time: specification of the times' column; None to know it by its name.
+    """
+    table = opened.runs[0].table
+    try:
+        found = time_columns(table) if time is None else find_columns(table, time)[0]
+    except RecordingError:  # whoever reads it says what is missing
+        return opened
+    if len(opened.runs) != 1 or len(found) != 1:
+        return opened
+    stamps = np.asarray(pd.to_numeric(table[found[0]], errors="coerce"), dtype=float)
+    known = np.flatnonzero(np.isfinite(stamps))
+    steps = np.diff(stamps[known])
+    starts = known[np.flatnonzero(steps < 0) + 1]
+    if not starts.size or not (steps > 0).any():
+        return opened
+    edges = [0, *map(int, starts), len(table)]
+    beyond, most = stamps[starts] - stamps[known[0]], 2.0 * float(np.median(steps[steps > 0]))
+    lasts = float(np.nanmax(stamps) - stamps[known[0]])  # a counter that overflows goes back by far more
+    anew = bool(((beyond <= most) & (beyond >= -lasts - most)).all())
+    if not anew or min(np.diff(edges)) < _FEWEST_ROWS:
+        return opened
+    note = f"its time starts anew {starts.size} times"
+    parts = enumerate(pairwise(edges), start=1)
+    return Opened(opened.form, tuple(Run(f"part {k}", noted(table.iloc[a:b], note)) for k, (a, b) in parts))
 
 
 # Written for other programs: what stands here reads it back.
-
 
 _AXES = "xyz"
 _SAMPLES = "/sinew/samples"
@@ -516,7 +676,7 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
 
     sets = []
     for segment, rows in frame.groupby("segment", sort=True):
-        for number, name in enumerate(channels):
+        for node, name in enumerate(channels, start=1):
             data = {
                 "type": 58,
                 "binary": 0,  # of binary sets the library reads some back wrongly
@@ -528,7 +688,7 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
                 "data": rows[name].to_numpy(dtype=float),
                 "x": (rows["time_s"] - rows["time_s"].iloc[0]).to_numpy(),
                 "abscissa_spacing": 0,  # the times are written, too
-                "rsp_node": number + 1,
+                "rsp_node": node,
                 "rsp_dir": 0,
                 "ref_node": 0,
                 "ref_dir": 0,

@@ -1,10 +1,9 @@
-"""Text tables in any dialect: where the rows of numbers begin, what parts their cells, and what the columns are called.
+"""Which rows of a text are numbers: its separator, its decimal mark, where its table begins and what its columns are.
 
-A table whose first line that is no comment names the columns is read as it stands. Of any other the rows of numbers
-are sought: they begin at the first line from which on nine in ten of the next fifty lines have the same number of
-cells and share columns of numbers. The nearest line above with as many cells and text over the numbers is the header;
-a line of units between them goes into the names, a second header above it too where the names need it. What stands
-above is left out, with a note.
+Separators, decimal marks, marks between thousands and widths compete: the one wins with which most rows have numbers
+in all columns that hold numbers in most rows. Data begin where four rows in a row are good. The nearest line above
+that fits names the columns; a line of units between them goes into the names, a second header above it too where the
+names need it. Lines that are no rows of numbers are left out, with a note.
 """
 
 import csv
@@ -13,7 +12,6 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,92 +19,126 @@ from typing import Any
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
-from sinew.measure.errors import FileError, UnitError
-from sinew.measure.files.runs import (
-    Opened,
-    Run,
-    Table,
-    bare_name,
-    is_time_name,
-    noted,
-    repeats_itself,
-    split_labels,
-    unlike,
-    with_time,
-    with_unit,
-)
-from sinew.measure.units import canonical_unit
+from sinew.measure.arrays import Mask
+from sinew.measure.errors import FileError, RecordingError
+from sinew.measure.files.names import Table, are_units, repeats_itself, split_labels, time_columns, unlike, with_unit
 from sinew.measure.validation import refuse_beyond_memory
 
-_DELIMITERS = (",", ";", "\t", None)  # None: blanks
-_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blanks"}
+MADE_TIME = "time [s]"
+"""Name of the column of times that is made where a file states a rate or a step and holds no time."""
+
+_WORDS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", None: "blanks"}
+_MARKS = ((".", ""), (",", ""), (",", "."), (".", ","))
+"""Decimal mark, and what parts thousands: what needs none goes first."""
 _COMMENTS = ("#", "%", "//")
 _TEXT_GROWS = 4  # bytes, text and numbers are in memory together
-_SCANNED_LINES, _HEAD_SIZE = 50, 1_000_000
-_SHARE = 0.9  # of the scanned lines that must be alike
-_FEWEST_ROWS = 4  # of a table that does not begin with its header: fewer lines alike are chance
-_LONGEST_PREAMBLE = 500  # lines
-_NUMBER = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][-+]?\d+)?")
+_PROBED = 200  # lines from the top, and as many from all of it
+_ROWS_AT_THE_TOP, _LONGEST_PREAMBLE = 4, 500  # lines
 _LETTER = re.compile(r"[^\W\d_]|[°%]")
-_NO_VALUE = frozenset(("nan", "null", "na", "n/a"))
-_NO_NUMBER = _NO_VALUE | {"inf", "-inf", "+inf"}  # stand for one
 _RULE = re.compile(r"[\s\-=_+|*~.,;]+")  # a line drawn under a header
-_TIME_UNITS = frozenset(["s", "ms", "us", "µs", "μs", "ns", "sec", "secs", "seconds", "min", "h"])
-_WORDS_OF_UNITS = frozenset(("g", "G", "mg", "°C", "degC", "dB", "-", "--", "1", "counts", "count", "LSB", "raw"))
+_NO_NUMBER = frozenset(("nan", "null", "na", "n/a", "inf", "-inf", "+inf"))  # stand for one
 STAMP = re.compile(
     r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d([.,]\d+)?)?( ?Z|[+-]\d\d:?\d\d)?)?"  # ISO 8601
     r"|\d{1,2}[./]\d{1,2}[./]\d{2,4}([T ,]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)?"
     r"|\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
 )
 """A date, a date with a time, or the time of a clock."""
+_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratehz|fshz", re.I)
+_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|sampleinterval|deltat|deltax", re.I)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run in a file. name: as the file has it. table: with `notes_of` what was done to it."""
+
+    name: str
+    table: Table
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a file holds. form: its format in words. runs: at least one, in the order of the file."""
+
+    form: str
+    runs: tuple[Run, ...]
+
+
+def notes_of(table: Table) -> tuple[str, ...]:
+    """Return the sentences on what was done to read a table."""
+    return tuple(table.attrs.get("notes", ()))
+
+
+def noted(table: Table, *notes: str) -> Table:
+    """Return the table with sentences added on what was done to it."""
+    fresh = table.copy(deep=False)
+    fresh.attrs = {**table.attrs, "notes": (*notes_of(table), *notes)}
+    return fresh
+
+
+def stated_step(name: str, number: float) -> float | None:
+    """Return the sampling step [s] that a number states by its name, as "fs" or "Delta_X"; None without."""
+    word = re.sub(r"[\s_:]|[\[(].*", "", name)
+    if not 0 < number < np.inf:
+        return None
+    return 1.0 / number if _RATES.fullmatch(word) else number if _STEPS.fullmatch(word) else None
+
+
+def with_time(table: Table, step_s: float, start_s: float = 0.0) -> Table:
+    """Return a table with a column of times before the others, of even steps as the file states them [s].
+
+    Its index counts the samples, of those too that were left out.
+    """
+    made = pd.Series(start_s + step_s * table.index.to_numpy(), index=table.index, name=MADE_TIME)
+    whole = pd.concat([made, table], axis=1)
+    whole.attrs = dict(table.attrs)
+    return noted(whole, f"time made from the step of {step_s:.6g} s that the file states")
 
 
 def open_text(path: Path, width: int | None = None) -> Opened:
     """Return what a text file holds: one table, or its runs.
 
-    width: how many columns it has, where that is known: whether "0,12" is one number or two may not be told else.
-    Raises FileError for a file that is absent, empty, binary, or holds no table.
+    width: how many columns it has, where that is known: whether "0,12" is one number or two may not be clear else.
+    Raises FileError for a file that is empty, binary, or holds no table.
     """
     text = _decoded(path)
-    if "***End_of_Header***" in text[:_HEAD_SIZE]:
-        return _open_labview(path, text)
-    first, _, rest = text.partition("\n")
-    forced = re.fullmatch(r"\s*\"?sep=(.)\"?\s*", first)
-    if forced:
-        text = rest
-    lines = text[:_HEAD_SIZE].splitlines(keepends=True)
-    layout, refusal = _find_layout(path, lines, forced[1] if forced else None, width)
-    if layout is None:
-        raise refusal
-    body = text[sum(map(len, lines[: layout.start])) :]
-    form = f"text, {_WORDS.get(layout.delimiter, repr(layout.delimiter))} between columns" + (
-        ", decimal comma" if layout.decimal == "," else ""
-    )
-    tables = [_parse(path, part, layout) for part in _parts(body, layout)]
+    form, runs = read_text(str(path), text, width)
+    if text.startswith("LabVIEW Measurement"):
+        form = form.replace("text", "LabVIEW measurement (.lvm)")
+    return Opened(form, tuple(Run(name, table) for name, table in runs))
+
+
+def read_text(
+    source: str, text: str, width: int | None = None, separator: str | None = None
+) -> tuple[str, list[tuple[str, Table]]]:
+    """Return (the dialect in words, (name, table) of each run) of a text. source: of what, for the sentences.
+
+    width: of the table, where it is known; separator: likewise. Raises FileError where there is no table.
+    """
+    lines = text.splitlines()
+    forced = re.fullmatch(r"\s*\"?sep=(.)\"?\s*", lines[0]) if lines else None
+    lines = lines[1:] if forced else lines
+    spoken = _compete(source, lines, forced[1] if forced else separator, width)
+    start = spoken.start(lines)
+    layout = _named(source, spoken, lines, start)
+    below = [line for line in lines[start : start + _PROBED] if line.strip()]
+    good = sum(map(spoken.is_row, below))
+    if 2 * good < len(below) or (not layout.header and good < _ROWS_AT_THE_TOP):
+        raise _no_table(source)
+    header = layout.header.strip()
+    again = [k for k in range(start, len(lines)) if lines[k].strip() == header] if header and header in text else []
+    tables = []
+    for first, last in pairwise([start - 1, *again, len(lines)]):
+        part = lines[first + 1 : last]
+        while last < len(lines) and part and not spoken.is_row(part[-1], alike=True):  # it stands above the next header
+            part.pop()
+        if any(map(spoken.is_row, part)):
+            tables.append(_parsed(source, part, spoken, layout))
     if len(tables) > 1:
         runs = [(f"part {k}", noted(one, "its header is repeated")) for k, one in enumerate(tables, start=1)]
     else:
         runs = split_labels(tables[0], layout.labels)
-    return Opened(form, tuple(Run(name, partial(noted, one)) for name, one in runs))
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How a text table is laid out.
-
-    start: index of its first line of numbers. names: of the columns. delimiter, decimal: between cells and in numbers.
-    header: the line of the names, which a file of several runs repeats. labels: over the columns, of runs beside one
-    another. notes: what was done. named: whether the file names its columns.
-    """
-
-    start: int
-    names: tuple[str, ...]
-    delimiter: str | None
-    decimal: str = "."
-    header: str = ""
-    labels: tuple[str, ...] | None = None
-    notes: tuple[str, ...] = ()
-    named: bool = True
+    words = f"text, {_WORDS.get(spoken.separator, repr(spoken.separator))} between columns"
+    return words + (", decimal comma" if spoken.decimal == "," else ""), runs
 
 
 def _decoded(path: Path) -> str:
@@ -115,343 +147,268 @@ def _decoded(path: Path) -> str:
         raw = path.read_bytes()
     except OSError as error:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    if not raw.strip():
-        raise FileError(f"{path} is empty; expected a header line with column names and rows of numbers below it")
-    for encoding in ("utf-16", "utf-8-sig", "cp1252"):
-        if encoding == "utf-16" and not raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            continue
+    encodings = ("utf-16",) if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig", "cp1252")
+    for encoding in encodings:
         try:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
             continue
-        controls = sum(text.count(chr(code)) for code in range(32) if chr(code) not in "\t\n\r\f")
-        if controls == 0:
+        if not any(chr(code) in text for code in range(32) if chr(code) not in "\t\n\r\f"):
             return text
     raise FileError(f"{path} is not a text table (it holds binary data); expected CSV with a header line")
 
 
-def _find_layout(
-    path: Path, lines: Sequence[str], forced: str | None, width: int | None
-) -> tuple[_Layout | None, FileError]:
-    """Return the layout, or None, and what to say where there is none."""
-    refusal = FileError(f"{path} holds no table; expected a header line and rows of numbers below it")
-    fallback = None
-    if forced is None:
-        try:
-            plain = _plain_layout(path, lines)
-        except FileError as error:
-            refusal = error
-        else:
-            if _stands(plain, lines):
-                return _with_units(plain, lines), refusal
-            fallback = plain
-    sought = [_sought_layout(lines, delimiter) for delimiter in ((forced,) if forced else _DELIMITERS)]
-    found = [one for one in sought if one is not None]
-    if not found:
-        return fallback, refusal  # text all through: whoever reads a column says in which row
-    best = max(found, key=lambda one: one[0])[1]  # the first of equals
-    if forced is None and _may_be_decimals(best, lines):
-        if width == 1:
-            return next(one for _, one in found if one.delimiter != ","), refusal
-        if width is None:
-            line = lines[best.start].strip()
-            raise FileError(
-                f"{path} holds lines as {line!r}, which is one number with a decimal comma or two whole ones; say it "
-                "by a name for each column: --columns NAME for one, --columns NAME,NAME for two (columns=)"
-            )
-    return best, refusal
+def _no_table(source: str) -> FileError:
+    return FileError(
+        f"{source} holds no table; expected a line with the names of the columns and rows of numbers below it"
+    )
 
 
-# A table that begins with its header.
+# The dialect.
 
 
-def _plain_layout(path: Path, lines: Sequence[str]) -> _Layout:
-    """Return the layout of a table whose first line that is no comment is the header. Raises FileError."""
-    start, header = _find_header(path, lines)
-    body = [line.rstrip("\r\n") for line in lines[start : start + _SCANNED_LINES] if line.strip()]
-    if not body:
-        raise FileError(f"{path} has a header but no rows below it; record again or choose another file")
-    delimiter = _sniff([header, *body])
-    names = tuple(name.strip() for name in _fields(header, delimiter))
-    counts = [len(_fields(line, delimiter)) for line in body]
-    usual = max(counts, key=counts.count)
-    if usual != len(names):
-        raise _not_a_table(path, len(names), f"most rows have {usual}")
-    return _Layout(start, names, delimiter, _decimal(body, delimiter), header)
-
-
-def _find_header(path: Path, lines: Sequence[str]) -> tuple[int, str]:
-    """Return (index of the first line below the header, header text)."""
-    comment = ""
-    for index, line in enumerate(lines):
-        text = line.strip()
-        if not text:
-            continue
-        if text.startswith(_COMMENTS):
-            comment = text.lstrip("#%/ ")
-            continue
-        delimiter = _sniff([line])
-        fields = _fields(line, delimiter)
-        if not all(_is_number(field) for field in fields if field.strip()):
-            return index + 1, line.rstrip("\r\n")
-        if len(_fields(comment, _sniff([comment, line]))) == len(fields) and comment and not _is_number(comment):
-            return index, comment
-        raise FileError(
-            f"{path} has no header: its first line is {text[:60]!r}; "
-            "put a line with the names of the columns above it, such as time_s,angle_deg"
-        )
-    raise FileError(f"{path} holds only comments; expected a header line and rows of numbers")
-
-
-def _stands(layout: _Layout, lines: Sequence[str]) -> bool:
-    """Return whether a header at the top is one: rows of its kind below it, and text over their numbers."""
-    if (
-        layout.delimiter == "," and layout.names[0].strip('"') == "Record Length"
-    ):  # values of a scope beside its samples
-        return False
-    rows = [_fields(line.rstrip("\r\n"), layout.delimiter) for line in lines[layout.start :][:_SCANNED_LINES]]
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
-    if not rows:
-        return True
-    if len(rows) > 1 and _is_rule(rows[0]):
-        return False
-    below = rows[1:] if _are_units(rows[0]) and len(rows) > 1 else rows
-    numeric = _number_columns(below[1:] or below, len(layout.names))
-    over = [layout.names[column] for column in numeric]
-    if not any(map(_LETTER.search, over)) and any(map(_is_value, over)):
-        return False
-    first = [[row[column].strip() for column in numeric if column < len(row)] for row in below[:5]]
-    sound = sum(1 for row in first if any(row) and all(not cell or _is_value(cell) for cell in row))
-    # One bad cell is for whoever reads its column; lines of another kind are no rows.
-    return bool(numeric) and 2 * sound >= len(first)
-
-
-def _with_units(layout: _Layout, lines: Sequence[str]) -> _Layout:
-    """Return the layout with the line of units below its header, where there is one, in the names."""
-    for index, line in enumerate(lines[layout.start :], start=layout.start):
-        cells = _fields(line.rstrip("\r\n"), layout.delimiter)
-        if not line.strip():
-            continue
-        if len(cells) == len(layout.names) and _are_units(cells):
-            names = tuple(map(with_unit, layout.names, cells))
-            return _Layout(index + 1, names, layout.delimiter, layout.decimal, layout.header, None, layout.notes)
-        break
-    return layout
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _fields(line: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:
+def _fields(line: str, separator: str | None) -> list[str]:
+    if separator is None:
         return line.split()
-    try:
-        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-    except csv.Error:  # a cell longer than any
-        return line.split(delimiter)
+    if '"' in line:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+        except csv.Error:  # a cell longer than any
+            pass
+    return [cell.strip() for cell in line.split(separator)]
 
 
-def _sniff(lines: Sequence[str]) -> str | None:
-    """Return the delimiter that gives most lines the same number (above one) of fields; None means blanks."""
-    best, best_score = None, (0, 0)
-    for place, delimiter in enumerate(",;\t"):
-        counts = [len(_fields(line, delimiter)) for line in lines]
-        usual = max(counts, key=counts.count)
-        if usual > 1 and counts[0] > 1 and (counts.count(usual), -place) > best_score:
-            best, best_score = delimiter, (counts.count(usual), -place)
-    return best or next((delimiter for delimiter in ",;\t" if delimiter in lines[0]), None)
+@dataclass(frozen=True)
+class _Dialect:
+    """How numbers are written. separator: None for blanks. width: cells in a row. solid: columns of numbers."""
+
+    separator: str | None
+    decimal: str
+    thousands: str
+    width: int
+    solid: tuple[int, ...]
+    empty: frozenset[int]
+
+    def cells(self, line: str) -> list[str]:
+        """Return the cells of a line, as many as a row has or one more."""
+        cells = _fields(line, self.separator)
+        return cells + [""] * (self.width - len(cells))
+
+    def plain(self, cell: Any) -> Any:
+        """Return a number as text with a decimal point and no other mark; anything else as it is."""
+        if isinstance(cell, str) and _PATTERNS[self.decimal, self.thousands].fullmatch(cell.strip()):
+            return cell.replace(self.thousands, "").replace(self.decimal, ".")
+        return cell
+
+    def is_row(self, line: str, alike: bool = False) -> bool:
+        """Return whether a line is a row of numbers: one at least, and no text in a column of numbers.
+
+        alike: nor anything in a column that is empty elsewhere.
+        """
+        cells = [] if _is_comment(line) else self.cells(line)
+        if not any(cells) or abs(len(_fields(line, self.separator)) - self.width) > 1:
+            return False
+        own = [cells[k] for k in self.solid if cells[k]]
+        free = not alike or not any(cells[k] for k in self.empty)
+        return bool(own) and free and all(is_value(cell, self.decimal, self.thousands) for cell in own)
+
+    def start(self, lines: Sequence[str]) -> int:
+        """Return the first line of numbers: four of them follow one another, or all that there are."""
+        filled = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+        good = [self.is_row(lines[k]) for k in filled[: _LONGEST_PREAMBLE + _ROWS_AT_THE_TOP]]
+        alike = [k for k, one in enumerate(good) if one and all(good[k : k + _ROWS_AT_THE_TOP])]
+        first = alike[0] if alike else good.index(True) if True in good else 0
+        while first > 1 and good[first - 2] and len(self.cells(lines[filled[first - 1]])) == self.width:
+            first -= 2  # one bad row near the top
+        return filled[first]
 
 
-# A table that begins somewhere below.
-
-_Score = tuple[float, bool, int]
-
-
-def _sought_layout(lines: Sequence[str], delimiter: str | None) -> tuple[_Score, _Layout] | None:
-    """Return (score, layout) of the rows of numbers that a delimiter shows, None where it shows none.
-
-    Score: share of the cells that are values, whether a header was found, and how many columns hold numbers.
-    """
-    head = [line.rstrip("\r\n") for line in lines[: _LONGEST_PREAMBLE + _SCANNED_LINES]]
-    rows = [[] if _is_comment(line) else _fields(line, delimiter) for line in head]
-    found = find_rows(rows)
-    if found is None:
-        return None
-    start, numeric, share = found
-    above = [_fields(line.lstrip("#%/ ") if _is_comment(line) else line, delimiter) for line in head[:start]]
-    names, labels, notes, at = name_columns(above, rows[start:], numeric)
-    header = head[at] if at is not None else ""
-    body = [line for line in head[start:] if line.strip()]
-    layout = _Layout(start, names, delimiter, _decimal(body, delimiter), header, labels, notes, at is not None)
-    return (round(share, 2), at is not None, len(numeric)), layout
+def _pattern(decimal: str, thousands: str) -> re.Pattern[str]:
+    mark, behind = re.escape(decimal), r"\d*" if decimal == "." else r"\d+"
+    grouped = rf"\d{{1,3}}({re.escape(thousands)}\d{{3}})+|" if thousands else ""
+    return re.compile(rf"[-+]?(({grouped}\d+)({mark}{behind})?|{mark}\d+)([eE][-+]?\d+)?")
 
 
-def _may_be_decimals(layout: _Layout, lines: Sequence[str]) -> bool:
-    """Return whether two nameless columns of whole numbers may be one of numbers with a decimal comma.
+_PATTERNS = {marks: _pattern(*marks) for marks in _MARKS}
 
-    Where the first of them rises in every line it counts, and is no part of a number that swings.
-    """
-    if layout.named or layout.delimiter != "," or len(layout.names) != 2:
-        return False
-    near = [line.strip() for line in lines[layout.start :][:_SCANNED_LINES] if not _is_comment(line)]
-    held = [line for line in near if line and line.lower() not in _NO_NUMBER]
-    if not all(re.fullmatch(r"[-+]?\d+(,\d+)?", line) for line in held):
-        return False
-    whole = [int(line.partition(",")[0]) for line in held]
-    return not all(a < b for a, b in pairwise(whole))
+
+def is_value(cell: str, decimal: str = ".", thousands: str = "") -> bool:
+    """Return whether a cell holds a number, a date or time, or what stands for a number."""
+    if _PATTERNS[decimal, thousands].fullmatch(cell):
+        return True
+    return cell.lower() in _NO_NUMBER or STAMP.fullmatch(cell) is not None
 
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
 
 
-def _is_value(cell: str) -> bool:
-    """Return whether a cell holds a number, with a decimal point or comma, or what stands for one."""
-    text = cell.strip()
-    return _NUMBER.fullmatch(text) is not None or text.lower() in _NO_NUMBER
+def _compete(source: str, lines: Sequence[str], forced: str | None, width: int | None) -> _Dialect:
+    """Return the dialect with which most rows hold numbers in all columns of numbers. Raises FileError without one."""
+    probed = {*range(min(len(lines), _PROBED)), *map(int, np.linspace(0, len(lines) - 1, _PROBED))} if lines else set()
+    near = [lines[k] for k in sorted(probed) if lines[k].strip() and not _is_comment(lines[k])]
+    rivals = [
+        rival
+        for separator in ([forced] if forced else _WORDS)
+        for rival in _rivals([_fields(line, separator) for line in near], separator)
+    ]
+    if not rivals:
+        raise _no_table(source)
+    _, best = max(rivals, key=lambda rival: rival[0])  # the first of equals
+    if not forced and best.separator == "," and best.width == 2 and _may_be_decimals(near, best):
+        single = next((one for _, one in rivals if one.width == 1 and one.decimal == ","), best)
+        if width is None:
+            line = next(line.strip() for line in near if best.is_row(line))
+            raise FileError(
+                f"{source} holds lines as {line!r}, which is one number with a decimal comma or two whole ones; say it "
+                "by a name for each column: --columns NAME for one, --columns NAME,NAME for two (columns=)"
+            )
+        return single if width == 1 else best
+    return best
 
 
-def _is_rule(cells: Sequence[str]) -> bool:
-    return any(cells) and all(_RULE.fullmatch(cell) for cell in cells if cell)
+_Score = tuple[float, int, int]
 
 
-def _number_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Return the columns of which nine cells in ten, of those that are not empty, are numbers."""
+def _rivals(cells: Sequence[Sequence[str]], separator: str | None) -> list[tuple[_Score, _Dialect]]:
+    """Return (score, dialect) for every width of rows and every pair of marks, with one separator.
+
+    Score: rows that are good, times the share of their cells that are values, twice for two columns or more; how many
+    columns hold numbers; and no thousands mark where none is needed.
+    """
     found = []
-    for column in range(width):
-        held = [row[column] for row in rows if column < len(row) and row[column].strip()]
-        if held and sum(map(_is_value, held)) >= _SHARE * len(held):
-            found.append(column)
+    for width in sorted({len(row) for row in cells}, reverse=True):
+        rows = [row for row in cells if len(row) == width]
+        held = np.array([[bool(cell) for cell in row] for row in rows])
+        if not held.any():
+            continue
+        signs = set("".join("".join(row) for row in rows))
+        for decimal, thousands in _MARKS:
+            needless = (decimal == "," or bool(thousands)) and not {decimal, *thousands} & {",", thousands} <= signs
+            if needless or separator in (decimal, thousands):
+                continue
+            values = np.array([[is_value(cell, decimal, thousands) for cell in row] for row in rows])
+            share = values.sum(axis=0) / np.maximum(held.sum(axis=0), 1)
+            solid = share > 0.6 * share.max()
+            if not solid.any():
+                continue
+            good = (values | ~held)[:, solid].all(axis=1) & values[:, solid].any(axis=1)
+            if not good.any():
+                continue
+            filled = float(values[good].sum() / held[good].sum())
+            if good.sum() < _ROWS_AT_THE_TOP and filled < 0.5:  # numbers in a sentence
+                continue
+            score = (round(good.sum() * filled * min(int(solid.sum()), 2), 3), int(solid.sum()), -len(thousands))
+            columns = tuple(map(int, np.flatnonzero(solid)))
+            empty = frozenset(map(int, np.flatnonzero(~held[good].any(axis=0))))
+            found.append((score, _Dialect(separator, decimal, thousands, width, columns, empty)))
     return found
 
 
-def find_rows(rows: Sequence[Sequence[str]]) -> tuple[int, list[int], float] | None:
-    """Return (index of the first row of numbers, the columns that hold numbers, share of the cells that are values).
+def _may_be_decimals(lines: Sequence[str], best: _Dialect) -> bool:
+    """Return whether two nameless columns of whole numbers may be one of numbers with a decimal comma.
 
-    rows: cells of each line, none for a line that is empty or a comment. None where there are no such rows.
+    Where the first of them rises in every line it counts, and is no part of a number that swings.
     """
-    held = [index for index, row in enumerate(rows) if any(cell.strip() for cell in row)]
-    for place, index in enumerate(held[:_LONGEST_PREAMBLE]):
-        width = len(rows[index])
-        if not any(_is_value(cell) for cell in rows[index]):
-            continue
-        window = [rows[at] for at in held[place : place + _SCANNED_LINES]]
-        if len(window) < _FEWEST_ROWS:
-            return None
-        alike = [row for row in window if len(row) == width]
-        if len(alike) < _SHARE * len(window):
-            continue
-        numeric = _number_columns(alike[1:], width)
-        own = [rows[index][column].strip() for column in numeric]
-        if not numeric or any(cell and not _is_value(cell) for cell in own) or not any(own):
-            continue
-        cells = [cell.strip() for row in alike for cell in row if cell.strip()]
-        good = sum(1 for cell in cells if _is_value(cell) or STAMP.fullmatch(cell))
-        return index, numeric, good / len(cells)
-    return None
+    held = [line.strip() for line in lines if line.strip().lower() not in _NO_NUMBER]
+    if not all(re.fullmatch(r"[-+]?\d+(,\d+)?", line) for line in held):
+        return False
+    whole = [int(line.partition(",")[0]) for line in held]
+    return not all(a < b for a, b in pairwise(whole))
 
 
-def name_columns(
-    above: Sequence[Sequence[str]], below: Sequence[Sequence[str]], numeric: Sequence[int]
-) -> tuple[tuple[str, ...], tuple[str, ...] | None, tuple[str, ...], int | None]:
-    """Return (names of the columns, labels of runs over them, notes, index of the header in `above`).
+# What the columns are called, and what else stands above them.
 
-    above: cells of the lines above the rows of numbers, below: those rows; numeric: their columns of numbers.
-    Without a header the columns are named by their places, from "1".
-    """
-    width = len(below[0])
-    spare = [column for column in range(width) if not any(row[column].strip() for row in below if column < len(row))]
-    at, header = _line_above(above, len(above), width, numeric, spare)
-    if at is None:
-        beside = _beside(above, below, width)
-        if beside is not None:
-            return beside, None, (), None
-        what = "no header: the columns are named by their places, from 1"
-        skipped = sum(1 for row in above if any(cell.strip() for cell in row))
-        return tuple(map(str, range(1, width + 1))), None, (*_skipped(skipped), what), None
-    upper_at, upper = _line_above(above, at, width, numeric, spare)
-    names = header
-    if _are_units(header) and upper_at is not None and upper_at >= at - 2:
-        names, at = [with_unit(name, unit) for name, unit in zip(upper, header, strict=True)], upper_at
-        upper_at, upper = _line_above(above, at, width, numeric, spare)
+
+@dataclass(frozen=True)
+class _Layout:
+    """names: of the columns. header: the line of them, which a file of several runs repeats. labels: over the columns,
+    of runs beside one another. step_s, start_s: of the samples, where they are stated. notes: what was done."""
+
+    names: tuple[str, ...]
+    header: str = ""
     labels: tuple[str, ...] | None = None
-    if upper_at is not None and upper_at >= at - 2 and len(set(filter(None, upper))) < width:
-        filled = _filled(upper)
+    step_s: float | None = None
+    start_s: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _Layout:
+    """Return the names of the columns, by their places from "1" without a header, and what the lines above state."""
+    held = [k for k in range(start) if lines[k].strip()]
+    above = [spoken.cells(lines[k].lstrip("#%/ ") if _is_comment(lines[k]) else lines[k]) for k in held]
+    facts = {cells[0].rstrip(": "): [c for c in cells[1:] if c] for cells in above if sum(map(bool, cells)) > 1}
+    if (over := facts.get("X_Dimension", ["Time"])[0].lower()) != "time":
+        raise RecordingError(f"{source} says X_Dimension {over}: it is no record over time")
+    step = next((s for name, cells in facts.items() if (s := _stated(spoken, name, cells)) is not None), None)
+    begin = facts.get("X0", ["0"])[0].replace(spoken.decimal, ".")
+    rows = [spoken.cells(line) for line in lines[start : start + _PROBED]]
+    at, names = _line_above(above, len(above), spoken)
+    if at is None:
+        beside = _beside(rows, spoken.width)
+        notes = () if beside else (*_skipped(len(above)), "no header: the columns are named by their places, from 1")
+        return _Layout(beside or tuple(map(str, range(1, spoken.width + 1))), step_s=step, notes=notes)
+    upper_at, upper = _line_above(above, at, spoken)
+    alike = len(set(names)) < len(names) and len(set(upper)) == len(upper)
+    if upper_at is not None and (are_units(names) or alike):
+        names, at = [with_unit(name, unit) for name, unit in zip(upper, names, strict=True)], upper_at
+        upper_at, upper = _line_above(above, at, spoken)
+    header, labels = lines[held[at]], None
+    if "Y_Unit_Label" in facts and names[0] == "X_Value":
+        units = ["s", *facts["Y_Unit_Label"], *[""] * len(names)]
+        names = [with_unit(name, unit) for name, unit in zip(names, units, strict=False)]
+    elif upper_at is not None and len(set(filter(None, upper))) < spoken.width:
+        at, filled = upper_at, _filled(upper)
         if repeats_itself(filled, names):
             labels = tuple(filled)
         else:
             twice = {name for name in names if names.count(name) > 1}
             pairs = zip(filled, names, strict=True)
             names = [f"{label}: {name}" if label and name in twice else name for label, name in pairs]
-        top = upper_at
-    else:
-        top = at
-    skipped = sum(1 for row in above[:top] if any(cell.strip() for cell in row))
-    return tuple(names if labels else unlike(names)), labels, _skipped(skipped), at
+    start_s = float(begin) if is_value(begin) else 0.0
+    names = [name or (str(k + 1) if k in spoken.solid else "") for k, name in enumerate(names)]
+    notes, fresh = _skipped(at), list(names) if labels else unlike(list(names))
+    if fresh != list(names):
+        notes = (*notes, f"columns of one name are numbered: {', '.join(n for n in fresh if n not in names)}")
+    return _Layout(tuple(fresh), header, labels, step, start_s, notes)
+
+
+def _stated(spoken: _Dialect, name: str, cells: Sequence[str]) -> float | None:
+    first = cells[0].replace(spoken.decimal, ".")
+    return stated_step(name, float(first)) if _PATTERNS[".", ""].fullmatch(first) else None
 
 
 def _skipped(lines: int) -> tuple[str, ...]:
     return (f"{lines} line{'s' if lines > 1 else ''} above the table left out",) if lines else ()
 
 
-def _line_above(
-    above: Sequence[Sequence[str]], before: int, width: int, numeric: Sequence[int], spare: Sequence[int]
-) -> tuple[int | None, list[str]]:
+def _line_above(above: Sequence[Sequence[str]], before: int, spoken: _Dialect) -> tuple[int | None, list[str]]:
     """Return (index, cells) of the nearest line above with as many cells and text over the numbers; None without.
 
-    before: index of the line above which to look. spare: columns without a cell below, which a header may leave out.
+    before: index of the line above which to look.
     """
     for at in range(before - 1, -1, -1):
-        cells = [cell.strip() for cell in above[at]]
-        if not any(cells) or _is_rule(cells):
+        cells = list(above[at])
+        if all(_RULE.fullmatch(cell) for cell in cells if cell):
             continue
-        if len(cells) < width and all(column in spare for column in range(len(cells), width)):
-            cells += [""] * (width - len(cells))
-        over = [cells[column] for column in numeric if column < len(cells)]
-        if len(cells) == width and any(map(_LETTER.search, over)) and not any(map(_is_value, over)):
-            return at, cells
-        return None, []
+        if len(cells) == spoken.width + 1 and spoken.separator:  # the name of a last column that is empty, or a blank
+            cells = cells[:-1]
+        over = [cells[k] for k in spoken.solid]
+        named = any(map(_LETTER.search, over)) and not any(is_value(cell, spoken.decimal) for cell in over)
+        enough = len([cell for cell in cells if cell]) > 1 or bool(over[-1])
+        return (at, cells) if len(cells) == spoken.width and named and enough else (None, [])
     return None, []
 
 
-def _beside(above: Sequence[Sequence[str]], below: Sequence[Sequence[str]], width: int) -> tuple[str, ...] | None:
-    """Return the names of an oscilloscope's columns whose settings stand beside its first samples, else None."""
-    if width < 5 or not below or below[0][0].strip('" ') != "Record Length":
-        return None
-    told = {row[0].strip('" '): row[1].strip('" ') for row in below if len(row) > 1}
-    names = [str(place) for place in range(1, width + 1)]
-    names[3] = with_unit("time", told.get("Horizontal Units") or "s")
-    names[4] = with_unit(told.get("Source") or "5", told.get("Vertical Units"))
+def _beside(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
+    """Return the names of an oscilloscope's columns whose settings stand beside its first samples, else none."""
+    if width < 5 or rows[0][0] != "Record Length":
+        return ()
+    facts = {row[0]: row[1] for row in rows}
+    names = list(map(str, range(1, width + 1)))
+    names[3] = with_unit("time", facts.get("Horizontal Units") or "s")
+    names[4] = with_unit(facts.get("Source") or "5", facts.get("Vertical Units"))
     return tuple(names)
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether a line holds units and nothing else: one of time among them, or all in brackets."""
-    texts = [cell.strip() for cell in cells if cell.strip()]
-    bare = [text.strip("[]()").strip() for text in texts]
-    if not texts or any(_is_value(text) and text != "1" for text in bare):
-        return False
-    boxed = all(text[0] in "[(" and text[-1] in ")]" for text in texts)
-    return (boxed or not _TIME_UNITS.isdisjoint(bare)) and all(map(_is_unit, bare))
-
-
-def _is_unit(text: str) -> bool:
-    if not text or text in _WORDS_OF_UNITS:
-        return True
-    for spelling in (text, text.lower()):
-        try:
-            canonical_unit(spelling)
-        except UnitError as error:
-            if "ambiguous" in str(error) or "does not start at zero" in str(error):
-                return True
-        else:
-            return True
-    return False
 
 
 def _filled(cells: Sequence[str]) -> list[str]:
@@ -463,72 +420,73 @@ def _filled(cells: Sequence[str]) -> list[str]:
     return found
 
 
-def _decimal(lines: Sequence[str], delimiter: str | None) -> str:
-    """Return the decimal sign: a comma where some numbers have one and none has a point."""
-    if delimiter == ",":
-        return "."
-    cells = [cell.strip() for line in lines for cell in _fields(line, delimiter)]
-    values = [cell for cell in cells if _NUMBER.fullmatch(cell)]
-    return "," if any("," in value for value in values) and not any("." in value for value in values) else "."
-
-
 # From the text of the rows to numbers.
 
 
-def _parts(body: str, layout: _Layout) -> list[str]:
-    """Return the text of each run: a file of several repeats the header, and what stood above it."""
-    header = layout.header.strip()
-    if not header or header not in body:
-        return [body]
-    lines = body.splitlines(keepends=True)
-    again = [index for index, line in enumerate(lines) if line.strip() == header]
-    if not again:
-        return [body]
-    cells = [_fields(line.rstrip("\r\n"), layout.delimiter) for line in lines]
-    parts = []
-    for start, stop in pairwise([-1, *again, len(lines)]):
-        first, last = start + 1, stop
-        while first < last and (_are_units(cells[first]) or _is_rule(cells[first])):
-            first += 1
-        while (
-            stop < len(lines)
-            and last > first
-            and not (len(cells[last - 1]) == len(layout.names) and any(map(_is_value, cells[last - 1])))
-        ):  # what stands above the next header
-            last -= 1
-        if any(any(row) for row in cells[first:last]):
-            parts.append("".join(lines[first:last]))
-    return parts or [body]
+def _parsed(source: str, lines: list[str], spoken: _Dialect, layout: _Layout) -> Table:
+    """Return the rows as a table; lines that are none are left out, with a note of the first."""
+    while lines and not lines[-1].strip():
+        lines.pop()
+    widest = spoken.width
+    options: dict[str, Any] = {"sep": spoken.separator or r"\s+", "decimal": spoken.decimal, "skipinitialspace": True}
+    if spoken.thousands:
+        options["thousands"] = spoken.thousands
+    for attempt in range(2):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                frame = pd.read_csv(
+                    io.StringIO("\n".join(lines) + "\n"),
+                    header=None,
+                    names=range(widest),
+                    index_col=False,
+                    low_memory=False,
+                    comment="#",
+                    skip_blank_lines=False,
+                    **options,
+                )
+                break
+            except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError, ValueError) as error:
+                reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
+                widest = max(len(_fields(line, spoken.separator)) for line in lines)
+                if attempt or widest > 2 * spoken.width + 8:
+                    raise FileError(f"{source} is not a table of {spoken.width} columns ({reason})") from error
+    for column in spoken.solid:
+        if frame[column].dtype.kind not in "fiub":  # a word among numbers, which come as they are written then
+            frame[column] = frame[column].map(spoken.plain)
+    extra = pd.to_numeric(frame.iloc[:, spoken.width :].stack(), errors="coerce").dropna().index.get_level_values(0)
+    words = {column: _texts(frame[column]) for column in (*spoken.solid, *spoken.empty)}
+    some = np.any([frame[column].notna().to_numpy() & ~words[column] for column in spoken.solid], axis=0)
+    bad = (np.any(list(words.values()), axis=0) & ~some) | frame.index.isin(extra)
+    notes = list(layout.notes)
+    if bad.any():
+        first = int(np.argmax(bad))
+        shown = f": {lines[first].strip()[:60]!r}" if len(frame) == len(lines) else ""
+        s = "s" if bad.sum() > 1 else ""
+        notes.append(f"{bad.sum()} line{s} of no numbers left out, the first is data row {first + 1}{shown}")
+        frame[bad] = np.nan
+        frame = frame.infer_objects()
+        for column in spoken.solid:
+            if (values := pd.to_numeric(frame[column], errors="coerce")).count() == frame[column].count():
+                frame[column] = values
+    frame = frame.iloc[:, : spoken.width].set_axis(pd.Index(layout.names), axis=1)
+    nothing = frame.isna().all().to_numpy()
+    nameless = np.array([not name or name.isdecimal() for name in layout.names])
+    frame = _held_rows(noted(frame, *notes))
+    spare = nothing & (nameless | np.array([name in ("Comment", "X_Value", "X_Value [s]") for name in layout.names]))
+    frame = frame.loc[:, ~spare]
+    if layout.step_s is not None and not time_columns(frame):
+        frame = with_time(frame, layout.step_s, layout.start_s)
+    return frame
 
 
-def _parse(path: Path, text: str, layout: _Layout) -> Table:
-    width = len(layout.names)
-    options: dict[str, Any] = {"sep": layout.delimiter or r"\s+", "decimal": layout.decimal, "skipinitialspace": True}
-    if text.startswith(("\n", "\r\n")) or text.endswith(("\n\n", "\n\r\n")):
-        text = text.strip("\r\n")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            frame = pd.read_csv(
-                io.StringIO(text),
-                header=None,
-                names=range(width),
-                index_col=False,
-                low_memory=False,
-                comment="#",
-                skip_blank_lines=False,
-                **options,
-            )
-        except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError, ValueError) as error:
-            reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-            raise _not_a_table(path, width, reason) from error
-    frame.columns = pd.Index(layout.names)
-    if not layout.named:
-        frame.attrs["named"] = False
-    frame = _held_rows(frame)
-    nameless = np.array([not name or (not layout.named and name.isdecimal()) for name in layout.names])
-    empty = nameless & frame.isna().all().to_numpy()
-    return noted(frame.loc[:, ~empty], *layout.notes)
+def _texts(column: "pd.Series") -> Mask:
+    """Return which cells hold text that is no number and no stamp."""
+    if column.dtype.kind in "fiub":
+        return np.zeros(len(column), dtype=bool)
+    odd = (column.notna() & pd.to_numeric(column, errors="coerce").isna()).to_numpy(copy=True)
+    odd[odd] = [not is_value(str(cell).strip()) for cell in column[odd]]
+    return np.asarray(odd)
 
 
 def _held_rows(frame: Table) -> Table:
@@ -539,97 +497,7 @@ def _held_rows(frame: Table) -> Table:
     held = frame.notna().any(axis=1).to_numpy()
     if held.all() or not held.any():
         return frame[held]
-    kept, empty = frame[held], int((~held[: np.flatnonzero(held)[-1]]).sum())
-    if len(kept) > 1 and not (held[1:] & held[:-1]).any():
-        return kept.reset_index(drop=True)
-    return noted(kept, f"{empty} row{'s' if empty > 1 else ''} without a value left out") if empty else kept
-
-
-def _not_a_table(path: Path, width: int, reason: str) -> FileError:
-    return FileError(
-        f"{path} is not a table of {width} columns as its header says ({reason}); "
-        "the first line must name the columns, and lines above it must start with #"
-    )
-
-
-def table_of_cells(rows: Sequence[Sequence[str]], source: str) -> list[tuple[str, Table]]:
-    """Return (label, table) of each run in a sheet of cells, found as in a text. Raises FileError where there is none.
-
-    rows: cells as text, as many in each row. source: of what, for the sentence.
-    """
-    found = find_rows(rows)
-    if found is None:
-        raise FileError(
-            f"{source} holds no table; expected a header and at least {_FEWEST_ROWS} rows of numbers below it"
-        )
-    start, numeric, _ = found
-    names, labels, notes, _ = name_columns(rows[:start], rows[start:], numeric)
-    frame = pd.DataFrame(
-        [[None if cell.lower() in _NO_VALUE else cell or None for cell in row] for row in rows[start:]]
-    )
-    for column in frame.columns:
-        values = pd.to_numeric(frame[column], errors="coerce")
-        if values.notna().sum() == frame[column].notna().sum():
-            frame[column] = values
-    frame.columns = pd.Index(names)
-    filled = frame.notna().any().to_numpy()
-    labels = None if labels is None else tuple(np.array(labels)[filled])
-    return split_labels(noted(_held_rows(frame.loc[:, filled]), *notes), labels)
-
-
-# LabVIEW's own text files: a header of keys and values, then one for each segment.
-
-
-def _open_labview(path: Path, text: str) -> Opened:
-    head, *parts = text.split("***End_of_Header***")
-    keys = _labview_keys(head, "\t" if "Separator\tComma" not in head else ",")
-    delimiter = "," if keys.get("Separator", ["Tab"])[0] == "Comma" else "\t"
-    keys = _labview_keys(head, delimiter)
-    decimal = keys.get("Decimal_Separator", ["."])[0] or "."
-    runs: list[tuple[str, Table]] = []
-    if len(parts) == 1:  # one header for file and segment
-        parts = [head, *parts]
-    about = _labview_keys(parts[0], delimiter)
-    for part in parts[1:]:
-        lines = part.splitlines()
-        ends = next((k for k, line in enumerate(lines) if line.startswith(f"Channels{delimiter}")), len(lines))
-        held = [k for k, line in enumerate(lines[:ends]) if line.strip()]  # empty lines between them are samples too
-        if len(held) > 1:
-            rows = lines[held[0] : held[-1] + 1]
-            runs.append((f"part {len(runs) + 1}", _labview_table(path, rows, about, delimiter, decimal)))
-        about = _labview_keys("\n".join(lines[ends:]), delimiter)
-    if not runs:
-        raise FileError(f"{path} is a LabVIEW file with no rows below its header; record again or choose another file")
-    form = "LabVIEW measurement (.lvm)" + (", decimal comma" if decimal == "," else "")
-    return Opened(form, tuple(Run(name if len(runs) > 1 else "", partial(noted, one)) for name, one in runs))
-
-
-def _labview_keys(text: str, delimiter: str) -> dict[str, list[str]]:
-    rows = [line.rstrip("\r\n").split(delimiter) for line in text.splitlines() if line.strip()]
-    return {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
-
-
-def _labview_table(
-    path: Path, lines: Sequence[str], about: dict[str, list[str]], delimiter: str, decimal: str
-) -> Table:
-    """Return one segment as a table: its comments left out, units in the names, empty times made from their step."""
-
-    def stated(key: str, default: float) -> float:
-        try:
-            return float(about[key][0].replace(",", "."))
-        except (KeyError, IndexError, ValueError):
-            return default
-
-    header = [name.strip() for name in lines[0].rstrip("\r\n").split(delimiter)]
-    units, channels = about.get("Y_Unit_Label", []), [name for name in header if name not in ("X_Value", "Comment")]
-    of = dict(zip(channels, units, strict=False))
-    names = unlike(["X_Value [s]" if name == "X_Value" else with_unit(name, of.get(name)) for name in header])
-    layout = _Layout(0, tuple(names), delimiter, decimal)
-    frame = _parse(path, "\n".join(lines[1:]) + "\n", layout)
-    frame = frame.loc[:, [name for name in frame.columns if not str(name).startswith("Comment")]]
-    empty = [name for name in frame.columns if is_time_name(bare_name(str(name))) and frame[name].isna().all()]
-    frame = frame.drop(columns=empty)
-    step = stated("Delta_X", 0.0)
-    if (empty or not any(is_time_name(str(name)) for name in frame.columns)) and step > 0:
-        return with_time(frame, step, stated("X0", 0.0))
-    return frame
+    rest, empty = frame[held], int((~held[: np.flatnonzero(held)[-1]]).sum())
+    if len(rest) > 1 and not (held[1:] & held[:-1]).any():
+        return rest.reset_index(drop=True)
+    return noted(rest, f"{empty} row{'s' if empty > 1 else ''} without a value left out") if empty else rest
