@@ -22,7 +22,7 @@ from sinew.mechanics.joint import rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.modes import Asked
+from sinew.predict.modes import ModesRequest
 from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.solve.programs import use_all_cores
@@ -84,7 +84,7 @@ def _rollout(rig: RigSpec, groups: list[Group], step_s: float, integrator: str) 
 
     steps, threads = round(SECONDS / step_s), os.cpu_count() or 1
     # Without the silicone's memory, whose light masses no explicit integrator takes at such a step.
-    asked = {g.pretension_mm: Asked((g.pretension_mm,), (0.0,)) for g in groups}
+    asked = {g.pretension_mm: ModesRequest((g.pretension_mm,), (0.0,)) for g in groups}
     lean = {p: joint_bodies(rig, one, sway=False)._replace(memory=()) for p, one in asked.items()}
     models = [mujoco.MjModel.from_xml_string(write_mjcf(lean[g.pretension_mm], [])) for g in groups]
     for model in models:

@@ -75,7 +75,7 @@ def run_trial(seed: int, plan: str = PLAN, *, hidden: bool = False) -> Trial:
         name: ((one.value - true[name]) / one.std, one.low <= true[name] <= one.high, one.std / true[name])
         for name, one in done.found.items()
     }
-    return Trial(seed, found, done.kept, perf_counter() - begin)
+    return Trial(seed, found, done.undetermined, perf_counter() - begin)
 
 
 def table(trials: Sequence[Trial]) -> str:

@@ -45,7 +45,7 @@ _GRID = 4001
 
 
 @dataclass(frozen=True)
-class Course:
+class AmplitudeHistory:
     """True λ and ω over time: constant, or from the turning points and zero crossings of a motion about zero.
 
     turning_s, size: shape (h,); crossing_s: shape (c,). rate, omega: where they are constant.
@@ -98,7 +98,7 @@ class Record:
 
     time_s: Array
     values: Array
-    course: Course
+    course: AmplitudeHistory
     amplitude: float
     noise: float
     free_s: float = 0.0
@@ -142,8 +142,8 @@ def linear(t: Array, hz: float, damping: float, size: float, phase: float, order
     return np.asarray((size * pole**order * np.exp(pole * t + 1j * phase)).real, dtype=float)
 
 
-def course_of(hz: float, damping: float) -> Course:
-    return Course(TURN * hz * damping, TURN * hz * np.sqrt(1 - damping**2))
+def course_of(hz: float, damping: float) -> AmplitudeHistory:
+    return AmplitudeHistory(TURN * hz * damping, TURN * hz * np.sqrt(1 - damping**2))
 
 
 def draw_damping(rng: np.random.Generator, least: float = 0.004, most: float = 0.12) -> float:
@@ -212,7 +212,7 @@ def strike(rng: np.random.Generator, one: Setting) -> Record:
     return Record(t, _noisy(rng, one, x), course_of(one.hz, damping), one.size, one.noise)
 
 
-def _followed(force: Callable[[float, float], float], start: float, t: Array) -> tuple[Array, Course]:
+def _followed(force: Callable[[float, float], float], start: float, t: Array) -> tuple[Array, AmplitudeHistory]:
     """Return x(t) of x'' = force(x, x') from rest at start, and its course, which goes on after the record's end."""
     end = 1.1 * float(t[-1])
 
@@ -237,7 +237,7 @@ def _followed(force: Callable[[float, float], float], start: float, t: Array) ->
     size = np.abs(turned[:, 0])
     if turns[0] > 0.0:
         turns, size = np.r_[0.0, turns], np.r_[abs(start), size]
-    return found.y[0], Course(turning_s=turns, size=size, crossing_s=crossings)
+    return found.y[0], AmplitudeHistory(turning_s=turns, size=size, crossing_s=crossings)
 
 
 def pendulum(rng: np.random.Generator, one: Setting) -> Record:
@@ -287,7 +287,7 @@ def dry(rng: np.random.Generator, one: Setting) -> Record:
         turns.append(k * half)
         size.append(abs(following))
         start = following
-    course = Course(turning_s=np.array(turns), size=np.array(size), crossing_s=np.array(crossings))
+    course = AmplitudeHistory(turning_s=np.array(turns), size=np.array(size), crossing_s=np.array(crossings))
     return Record(t, _noisy(rng, one, x), course, one.size, one.noise, done=("frozen",), moves="dry")
 
 

@@ -320,7 +320,7 @@ def run_trial(law: DampingLaw, kind: Kind, cubic: bool, seed: int) -> Outcome:
     truth = draw_truth(law, kind, cubic, seed)
     clean = clean_record(truth)
     split = split_record(noisy_record(clean, truth, seed), None, None)
-    evidence, own = expected_margin(clean, truth, int(split.kept.sum()))
+    evidence, own = expected_margin(clean, truth, int(split.selected.sum()))
     found = compare_laws(split)
     chosen = found.best.model
     return Outcome(

@@ -78,7 +78,7 @@ def take_plan(camera: Camera, base: str) -> None:
 
 
 def start(page: Page, base: str, plan: str = "") -> None:
-    """Start the plan that the page Plan offers, or another one of the shelf."""
+    """Start the plan that the page Plan offers, or another one of the library."""
     page.goto(f"{base}/plan")
     page.wait_for_function("Sinew.status()?.signed_in")
     page.wait_for_selector("#sinew-duration:not(:empty)")

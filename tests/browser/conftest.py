@@ -90,7 +90,7 @@ PWNED = "<img src=x onerror=window.pwned=1>"
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder of runs: two from the twin, one that was cut off and whose plan has a script for a name and says
-    so in an event, one that is damaged; and a plan of that name on the shelf."""
+    so in an event, one that is damaged; and a plan of that name in the library."""
     runs = tmp_path_factory.mktemp("archive")
     for number, (name, mm) in enumerate((("soft", "2"), ("stiff", "8"))):
         folder = runs / name

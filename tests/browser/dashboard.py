@@ -67,7 +67,7 @@ class Served:
 
 
 def choose_plan(page: Any, name: str) -> None:
-    """Choose a plan of the shelf; the list of a select may close again while the page is still busy."""
+    """Choose a plan of the library; the list of a select may close again while the page is still busy."""
     option = page.get_by_role("option", name=name)
     for _ in range(10):
         page.get_by_label("Begin with the plan").click()

@@ -68,7 +68,7 @@ class Played:
     motors = 5
 
     def _rested_and_played(self, index: int, group: Group, before: float) -> bool:
-        while self._steering.pause_asked and self._steering.halt is None:
+        while self._steering.pause_requested and self._steering.halt is None:
             if self.at.state != "paused":
                 self.at.state = "paused"
                 self._journal.event(Paused("the run rests"))

@@ -32,7 +32,7 @@ SAFE_WITHIN_S = 0.2
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Served]:
-    """Give a dashboard with an emulated bench whose rig is left under hold, and a plan on its shelf."""
+    """Give a dashboard with an emulated bench whose rig is left under hold, and a plan on its library."""
     runs = tmp_path / "runs"
     (runs / "plans").mkdir(parents=True)
     (runs / "plans" / "long.toml").write_text(PLAN.format(repeats=10))
@@ -43,7 +43,7 @@ def bench(tmp_path: Path) -> Iterator[Served]:
 
 
 def start(page: Any, dashboard: Served, plan: str) -> Path:
-    """Start a plan of the shelf from the page, as a user does, and return the run's folder when samples come."""
+    """Start a plan of the library from the page, as a user does, and return the run's folder when samples come."""
     page.goto(f"{dashboard.base}/plan")
     page.wait_for_selector("#sinew-duration")
     choose_plan(page, plan)

@@ -267,7 +267,7 @@ def test_a_fault_is_said_at_its_line_and_the_edit_is_there_when_one_comes_back(o
     assert page.inner_text("#sinew-plan-state").startswith("As the plan")
 
 
-def test_a_plan_is_kept_on_the_shelf(opened: Open, shown: Served) -> None:
+def test_a_plan_is_kept_in_the_library(opened: Open, shown: Served) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector(".sinew-timeline")
     edit_plan(page, r"periods = \d+", "periods = 4")
@@ -300,12 +300,12 @@ def test_a_design_is_held_against_the_rig_as_built_and_becomes_a_rig(
 
 
 def test_a_joint_is_designed_from_a_rig_of_the_labs_own(opened: Open, shown: Served) -> None:
-    shelf = shown.runs / "rigs"
-    shelf.mkdir(exist_ok=True)
+    library = shown.runs / "rigs"
+    library.mkdir(exist_ok=True)
     rig = load_rig("paper")
     length = rig.silicone.length.model_copy(update={"value": 0.1})
     silicone = rig.silicone.model_copy(update={"length": length})
-    (shelf / "a long one.toml").write_text(dump_rig(rig.model_copy(update={"name": "long", "silicone": silicone})))
+    (library / "a long one.toml").write_text(dump_rig(rig.model_copy(update={"name": "long", "silicone": silicone})))
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")
     page.get_by_label("Rig as built").click()

@@ -469,9 +469,9 @@ BRIEF = PLAN.format(name="brief", repeats=2).replace("[2, 6]", "[2]")
 
 
 def test_a_run_is_planned_and_steered_by_keyboard_alone(opened: Open, stage: Stage) -> None:
-    shelf = stage.runs / "plans"
-    shelf.mkdir(exist_ok=True)
-    (shelf / "a brief one.toml").write_text(BRIEF)
+    library = stage.runs / "plans"
+    library.mkdir(exist_ok=True)
+    (library / "a brief one.toml").write_text(BRIEF)
     page = opened(stage)
     go_to(page, ".sinew-nav a[href='/plan']")
     page.keyboard.press("Enter")

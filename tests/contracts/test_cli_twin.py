@@ -58,8 +58,8 @@ def test_a_stretch_of_a_campaign_is_refused_with_the_reason(folder: Path, capsys
 def test_the_recording_has_the_samples_that_the_check_foretold(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    foretold = run(capsys, "check", folder / "plan.toml")["samples"]
-    assert load_recording(folder / "recording.nc").sizes["sample"] == foretold
+    expected_text = run(capsys, "check", folder / "plan.toml")["samples"]
+    assert load_recording(folder / "recording.nc").sizes["sample"] == expected_text
 
 
 def test_export_to_matlab_carries_every_sample(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,8 +48,8 @@ def test_a_load_cell_that_does_not_fit_the_rig_is_refused(found: str, wrong: str
 def test_a_load_cell_tells_the_tension_of_its_own_tendon_up_to_what_two_bytes_hold() -> None:
     (cell,) = celled().sensors
     tensions, rng = np.array([[10.0, 20.0, 30.0, 40.0], [0.0, 400.0, 0.0, 0.0]]), np.random.default_rng(0)
-    assert cell.told(tensions, None).tolist() == [20.0, 400.0]
-    assert cell.told(tensions, rng) == pytest.approx([20.0, 327.67], abs=0.12)
+    assert cell.reading(tensions, None).tolist() == [20.0, 400.0]
+    assert cell.reading(tensions, rng) == pytest.approx([20.0, 327.67], abs=0.12)
 
 
 def test_the_twin_records_the_tension_that_the_motor_of_that_tendon_pulls_with() -> None:

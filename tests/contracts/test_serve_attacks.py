@@ -166,26 +166,26 @@ def test_a_plan_that_is_none_begins_no_run(served: Served, anybody: Page, text: 
     assert anybody.says("start", name="fine", plan=text, rig=RIG).status_code == 422
 
 
-def test_what_is_on_the_shelf_is_replaced_only_where_that_is_asked(served: Served, anybody: Page) -> None:
-    told = {"shelf": "plans", "name": "kept", "text": plan()}
-    assert anybody.says("shelve", **told).status_code == 200
-    assert anybody.says("shelve", **told).status_code == 409
+def test_what_is_in_the_library_is_replaced_only_where_that_is_asked(served: Served, anybody: Page) -> None:
+    told = {"library": "plans", "name": "kept", "text": plan()}
+    assert anybody.says("store", **told).status_code == 200
+    assert anybody.says("store", **told).status_code == 409
     assert (served.runs / "plans" / "kept.toml").read_text() == plan()
 
 
 @pytest.mark.parametrize(
     "told",
     [
-        {"shelf": "runs", "name": "x", "text": ""},
-        {"shelf": "plans", "name": "../x", "text": ""},
-        {"shelf": "plans", "name": "x", "text": "x" * 300_000},
-        {"shelf": "plans", "text": ""},
-        {"shelf": "plans", "name": "x"},
+        {"library": "runs", "name": "x", "text": ""},
+        {"library": "plans", "name": "../x", "text": ""},
+        {"library": "plans", "name": "x", "text": "x" * 300_000},
+        {"library": "plans", "text": ""},
+        {"library": "plans", "name": "x"},
     ],
 )
-def test_what_belongs_on_no_shelf_is_not_written(served: Served, anybody: Page, told: dict[str, str]) -> None:
+def test_what_belongs_in_no_library_is_not_written(served: Served, anybody: Page, told: dict[str, str]) -> None:
     before = sorted(served.runs.parent.rglob("*"))
-    assert anybody.says("shelve", **told).status_code in (413, 422)
+    assert anybody.says("store", **told).status_code in (413, 422)
     assert sorted(served.runs.parent.rglob("*")) == before
 
 

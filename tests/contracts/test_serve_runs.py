@@ -18,7 +18,7 @@ from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
 from sinew.apps.bench.run_control import listening, send_control
 from sinew.apps.dashboard.access import Access
-from sinew.apps.dashboard.run_desk import RESUMED, spawn, told_at_end
+from sinew.apps.dashboard.run_desk import RESUMED, ending_sentence, spawn
 from sinew.bench.stops import Steering, StopReport
 from sinew.measure.errors import PortError
 
@@ -94,7 +94,7 @@ def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> Non
 
 def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text('{\n"ended": "before", "left": "nothing"\n}\n' + RESUMED + "\nsinew: no port\n")
-    assert told_at_end(tmp_path) == "no port"
+    assert ending_sentence(tmp_path) == "no port"
 
 
 def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.doubts import doubts_of, foretold
+from sinew.analysis.doubts import doubts_of, expected_text
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -75,7 +75,7 @@ def changed(rig: RigSpec, **factors: float) -> RigSpec:
 
 def expected_of(plan: Plan, rig: RigSpec) -> str:
     quiet = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
-    return foretold(analyse_recording(simulate(plan, rig, effects=quiet), rig))
+    return expected_text(analyse_recording(simulate(plan, rig, effects=quiet), rig))
 
 
 def doubts(recording: xr.Dataset, rig: RigSpec) -> list[dict[str, Any]]:

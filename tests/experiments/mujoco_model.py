@@ -15,7 +15,7 @@ from sinew.plan.plan import STRAIGHT, Pose, bend_of_swing
 from sinew.plan.rig import RigSpec
 from sinew.predict import modes
 from sinew.predict.multibody import PIECES, Bodies, joint_bodies, write_mjcf
-from sinew.predict.pose import Asked, find_pose
+from sinew.predict.pose import PoseRequest, find_pose
 
 REST_S, SETTLING_S = 1.5, 0.03
 
@@ -40,11 +40,11 @@ class Rested(NamedTuple):
 def rest_beside(rig: RigSpec, pretension_mm: float, pose: Pose, *, pieces: int = PIECES) -> tuple[Rested, Rested]:
     """Return where the head rests in the twin and in MuJoCo, the model being that of the upright joint and its motors
     told to take up what the twin's do for the pose."""
-    upright, posed = (find_pose(rig, Asked(pretension_mm, one), outlook=False) for one in (STRAIGHT, pose))
+    upright, posed = (find_pose(rig, PoseRequest(pretension_mm, one), outlook=False) for one in (STRAIGHT, pose))
     assert upright.rest is not None
     assert posed.rest is not None
     assert posed.shape is not None
-    model, data = loaded(joint_bodies(rig, modes.Asked((pretension_mm,), (0.0,)), pieces))
+    model, data = loaded(joint_bodies(rig, modes.PoseRequest((pretension_mm,), (0.0,)), pieces))
     data.ctrl[: rig.tendons.count] = posed.rest.take_up - upright.rest.take_up
     _settle(model, data)
     base = data.body("base").xmat.reshape(3, 3)

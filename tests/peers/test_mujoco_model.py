@@ -16,7 +16,7 @@ from sinew.plan.plan import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, save_rig
 from sinew.predict.design import Design, design_rig, load_material
-from sinew.predict.modes import Asked, Finder
+from sinew.predict.modes import Finder, ModesRequest
 from sinew.predict.multibody import Bodies, export_model, joint_bodies, write_mjcf
 from sinew.predict.section import circle_section, ellipse_section
 from sinew.tune.candidate import DesignTarget
@@ -34,7 +34,7 @@ def rig() -> RigSpec:
 
 @pytest.fixture(scope="module", params=[False, pytest.param(True, marks=pytest.mark.slow)], ids=["upright", "sways"])
 def bodies(rig: RigSpec, request: pytest.FixtureRequest) -> Bodies:
-    return joint_bodies(rig, Asked((PRETENSION_MM,), (0.0,)), sway=request.param)
+    return joint_bodies(rig, ModesRequest((PRETENSION_MM,), (0.0,)), sway=request.param)
 
 
 def forces(model: Any, data: Any, place: Any, speed: Any) -> Any:
@@ -99,7 +99,7 @@ MADE: dict[str, tuple[Callable[[], RigSpec], float]] = {
 @pytest.mark.parametrize("name", MADE)
 def test_every_rig_that_is_made_loads_in_mujoco_and_resonates_there_within_two_per_cent(name: str, sway: bool) -> None:
     make, pretension_mm = MADE[name]
-    made = joint_bodies(make(), Asked((pretension_mm,), (0.0,), swing_deg=7.0), sway=sway)
+    made = joint_bodies(make(), ModesRequest((pretension_mm,), (0.0,), swing_deg=7.0), sway=sway)
     values, twist = swings(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))
     resonance_hz = abs(values[np.argmax(twist)]) / (2 * np.pi)
     assert resonance_hz == pytest.approx(made.modes["torsion"][0], rel=0.02)
@@ -130,7 +130,7 @@ def test_an_exported_joint_rests_where_it_is_loaded_and_its_tendons_pull_as_the_
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["position", "current"])
 def test_torsion_and_sways_of_the_chain_are_the_twins_modes(rig: RigSpec, mode: Any) -> None:
-    asked = Asked((PRETENSION_MM,), (0.0,), 0.0, mode, swing_deg=0.1)  # so small that guides hold
+    asked = ModesRequest((PRETENSION_MM,), (0.0,), 0.0, mode, swing_deg=0.1)  # so small that guides hold
     ours = Finder(rig, asked).at(PRETENSION_MM, 0.0).modes[:3]
     made = joint_bodies(rig, asked)
     theirs = poles(mujoco.MjModel.from_xml_string(write_mjcf(made, [])))[:3]
@@ -142,7 +142,7 @@ def test_torsion_and_sways_of_the_chain_are_the_twins_modes(rig: RigSpec, mode: 
 
 @pytest.mark.slow
 def test_a_chain_in_a_bent_pose_rests_there(rig: RigSpec) -> None:
-    made = joint_bodies(rig, Asked((PRETENSION_MM,), (20.0,), 90.0))
+    made = joint_bodies(rig, ModesRequest((PRETENSION_MM,), (20.0,), 90.0))
     model = mujoco.MjModel.from_xml_string(write_mjcf(made, []))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

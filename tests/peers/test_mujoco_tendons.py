@@ -8,7 +8,7 @@ import pytest
 from sinew.mechanics.tendons import tendon_energy, tendon_stretch
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.predict.modes import Asked
+from sinew.predict.modes import ModesRequest
 from sinew.predict.multibody import joint_bodies, write_mjcf
 from sinew.solve.programs import configure
 from sinew.twin.simulate import lane_parameters
@@ -20,7 +20,7 @@ configure()
 @pytest.mark.parametrize("pretension_mm", [0.0, 6.0, 12.0])
 def test_torque_of_twisted_joint_equals_mujocos_at_every_angle(pretension_mm: float) -> None:
     rig = load_rig("paper")
-    bodies = joint_bodies(rig, Asked((pretension_mm,), (0.0,)), sway=False)
+    bodies = joint_bodies(rig, ModesRequest((pretension_mm,), (0.0,)), sway=False)
     model = mujoco.MjModel.from_xml_string(write_mjcf(bodies, []))
     data, twist = mujoco.MjData(model), model.joint("twist0").qposadr[0]
     lanes, shortening = lane_parameters([Group("idle", pretension_mm, np.nan, np.nan, 0, 0.0, 1.0)], rig)

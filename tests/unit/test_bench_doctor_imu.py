@@ -8,7 +8,7 @@ from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding, examine_chip, examine_imu, judge_chip, judge_imu, listen_to_imu
 from sinew.hardware.bus import BusTiming
-from sinew.hardware.imu import ImuReading, NodeTold
+from sinew.hardware.imu import ImuReading, NodeReport
 
 AXES = ("+x", "+y", "+z")
 
@@ -89,7 +89,7 @@ def chip_found(chip: int, delay_ms: float, origin: str = "data sheet") -> Findin
     """Return what is said of a chip where the rig assumes 5.9 ms, within 0.5 ms."""
     imu = paper_rig().imu
     residual = imu.residual_delay.model_copy(update={"origin": origin})
-    return judge_chip(NodeTold(0, chip, 1e-3 * delay_ms), imu.model_copy(update={"residual_delay": residual}))
+    return judge_chip(NodeReport(0, chip, 1e-3 * delay_ms), imu.model_copy(update={"residual_delay": residual}))
 
 
 def test_the_chip_is_named_with_its_delay(ward: Ward) -> None:

@@ -58,7 +58,7 @@ def test_a_segment_says_which_samples_are_its_own(tmp_path: Path) -> None:
         journal.end_segment("complete")
     with JournalReader(tmp_path / "journal.sqlite") as reader:
         (found,) = reader.stretches()
-    assert (found.group, found.attempt, found.asked, found.state, found.first, found.end) == (
+    assert (found.group, found.attempt, found.planned, found.state, found.first, found.end) == (
         2, 1, STEADY, "complete", 2, 5,
     )  # fmt: skip
 

@@ -105,7 +105,7 @@ def test_a_run_goes_on_by_itself_in_a_safe_state_and_measures_nothing_again_that
     assert (once.report.is_complete, len(once.report.pauses)) == (True, 1)
     with JournalReader(once.folder / "journal.sqlite") as journal:
         aborted = [stretch for stretch in journal.stretches() if stretch.state == "aborted"]
-        steady = [stretch.asked.frequency_hz for stretch in journal.stretches("kind = 'steady'")]
+        steady = [stretch.planned.frequency_hz for stretch in journal.stretches("kind = 'steady'")]
     assert [("the computer paused" in each.note) for each in aborted] == [True]
     assert steady == [2.5, 3.0, 3.0]
     assert (once.pauses.safe, len(once.sentences("contact"))) == ([True], 2)  # before the tendons were pulled anew

@@ -45,7 +45,7 @@ def test_an_emergency_while_the_tension_is_let_down_freezes_all_motors_and_then_
         bench.port,
         "release",
         lambda _: frozen.append((bench.port.now() - asked, bench.emulated.frozen_since() is not None)),
-        emergency_asked=lambda: bench.port.now() >= asked,
+        emergency_requested=lambda: bench.port.now() >= asked,
     )
     after, is_frozen = frozen[-1]
     assert (len(frozen), is_frozen, 0 < after < 0.2) == (2, True, True)

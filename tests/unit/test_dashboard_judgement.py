@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.apps.dashboard.work.results import judge, judged, misses, tally
+from sinew.apps.dashboard.work.results import count_misses, judge, judged, misses
 
 PLAIN = {"pretension_mm": 2.0, "frequency_hz": [2.0, 3.0, 4.0], "gain": [1.0, 2.0, 1.0], "phase": [10.0, 90.0, 170.0]}
 BAND = {"gain_low": [0.9, 1.7, 0.9], "gain_high": [1.1, 2.3, 1.1]}
@@ -109,5 +109,5 @@ def test_misses_are_listed_with_the_farthest_first() -> None:
 
 
 def test_how_many_miss_is_told_beside_how_many_do_by_chance() -> None:
-    told = tally(judged([BANDED], [MEASURED]))
+    told = count_misses(judged([BANDED], [MEASURED]))
     assert told == "2 of 4 judged values miss the prediction. One in ten does by chance."

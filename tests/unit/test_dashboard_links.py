@@ -7,9 +7,9 @@ import pytest
 
 from sinew.apps.bench.run_control import CONTROL
 from sinew.apps.dashboard.folders import is_run_name, open_inside, unlinked
-from sinew.apps.dashboard.run_desk import running_elsewhere, told_at_end
+from sinew.apps.dashboard.run_desk import ending_sentence, running_elsewhere
 from sinew.apps.dashboard.work.results import FILES, download, measured_so_far, run_results
-from sinew.apps.dashboard.work.runs import look_at_runs, read_shelf, shelf
+from sinew.apps.dashboard.work.runs import library, look_at_runs, read_library
 from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
@@ -64,12 +64,12 @@ def test_a_run_with_a_link_is_listed_as_damaged_and_unread(runs: Path, secret: P
     assert "is a link" in row["sentence"]
 
 
-def test_a_rig_that_is_a_link_is_not_on_the_shelf(runs: Path, secret: Path) -> None:
+def test_a_rig_that_is_a_link_is_not_in_the_library(runs: Path, secret: Path) -> None:
     (runs / "rigs").mkdir()
     (runs / "rigs" / "mine.toml").symlink_to(secret / "rig.toml")
     with pytest.raises(SpecError, match="there is no mine"):
-        read_shelf("rigs", "mine.toml", runs)
-    assert [row["ok"] for row in shelf(runs)["rigs"] if row["name"] == "mine.toml"] == [False]
+        read_library("rigs", "mine.toml", runs)
+    assert [row["ok"] for row in library(runs)["rigs"] if row["name"] == "mine.toml"] == [False]
 
 
 def test_a_run_with_a_link_is_not_taken_for_one_under_way(runs: Path, secret: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_run_with_a_link_is_not_taken_for_one_under_way(runs: Path, secret: Pa
 
 def test_what_a_run_said_is_not_read_through_a_link(runs: Path, secret: Path) -> None:
     (runs / "planted" / "run.log").symlink_to(secret / "recording.nc")
-    assert told_at_end(runs / "planted") is None
+    assert ending_sentence(runs / "planted") is None
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_a_file_that_is_exchanged_for_a_link_while_it_is_opened_leaks_nothing(ru
 
 
 @pytest.mark.parametrize("name", ["rigs", "plans", "Plans"])
-def test_a_run_is_not_called_like_a_shelf(name: str, runs: Path) -> None:
+def test_a_run_is_not_called_like_a_library(name: str, runs: Path) -> None:
     assert not is_run_name(name)
     (runs / name).mkdir()
     (runs / name / "recording.nc").write_text("x")

@@ -58,7 +58,7 @@ def test_that_process_gives_way_to_a_control_loop(worker: Worker) -> None:
 
 def test_an_error_that_a_user_can_put_right_comes_back_as_it_is(worker: Worker) -> None:
     with pytest.raises(SpecError, match="there is no plan 'none'"):
-        asyncio.run(worker.call("read_shelf", "plans", "none"))
+        asyncio.run(worker.call("read_library", "plans", "none"))
 
 
 def test_any_other_error_comes_back_as_a_sentence(worker: Worker) -> None:

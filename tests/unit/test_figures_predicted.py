@@ -19,7 +19,7 @@ from sinew.figures.predicted import (
     write_prediction,
 )
 from sinew.plan.toml import load_rig
-from sinew.predict.predicted import RigAsked, predicted_of
+from sinew.predict.predicted import PredictionRequest, predicted_of
 from sinew.predict.validity import Check
 from sinew.solve.branch import Branch, Mark, Prediction
 
@@ -77,7 +77,7 @@ def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:
 
 
 def test_the_phase_plot_of_a_prediction_is_the_lag_of_its_branch_in_degrees_with_its_folds() -> None:
-    one, asked = bent(0.0), RigAsked([0.0], 30.0, "position", (), (2.0, 4.5))
+    one, asked = bent(0.0), PredictionRequest([0.0], 30.0, "position", (), (2.0, 4.5))
     prediction = Prediction((one,), 1, 0.0, 0.0)
     found = predicted_of(load_rig("paper"), asked, None, prediction, [])  # type: ignore[arg-type]
     axes = sn.plot.predicted_phase(found, Figure().subplots())
@@ -119,7 +119,7 @@ def test_the_page_says_what_does_not_hold(tmp_path: Path) -> None:
         Check("slenderness", 2.0, 1.0, True, "long enough"),
         Check("tension_n", 300.0, 200.0, False, "300 N are too many"),
     ]
-    asked = RigAsked([4.0], 20.0, "position", (), (2.0, 4.5))
+    asked = PredictionRequest([4.0], 20.0, "position", (), (2.0, 4.5))
     prediction = Prediction((bent(0.0),), 19, 1e-3, 0.1)
     found = predicted_of(load_rig("paper"), asked, None, prediction, checks)  # type: ignore[arg-type]
     page = write_prediction(tmp_path, "prediction", found, rebuild="sinew predict").read_text(encoding="utf-8")

@@ -150,7 +150,7 @@ def test_what_the_recordings_do_not_determine_is_held_and_the_rest_fitted_beside
     monkeypatch.setattr(calibration, "fit_joint", stand_in_fit(asked, first_contact_tension=SURE, head_radius=VAGUE))
     done = calibrate(RIG, recording_of(RIG), name="mine", free=[TENSION, RADIUS])
     assert asked == [[TENSION, RADIUS], [TENSION]]
-    assert (list(done.found), done.kept) == ([TENSION], (RADIUS,))
+    assert (list(done.found), done.undetermined) == ([TENSION], (RADIUS,))
     assert found(done.rig, RADIUS) == found(RIG, RADIUS)
     assert any("not determined" in sentence and RADIUS in sentence for sentence in done.remarks)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.identify.oscillator.diagnosis import refuse_hopeless, suspicions
+from sinew.identify.oscillator.diagnosis import diagnose, refuse_hopeless
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, dominant_omega, is_step, make_record
 
@@ -39,7 +39,7 @@ def test_the_frequency_of_a_step_response_is_that_of_its_ringing() -> None:
 
 
 def test_a_step_response_is_told_what_its_jump_hides_and_its_sound_sensor_is_not_asked_after() -> None:
-    said = suspicions(fit(stepped(0.1), "linear"))
+    said = diagnose(fit(stepped(0.1), "linear"))
     assert any("input jumps" in s and "10 ms" in s for s in said)
     assert not any("sign" in s for s in said)
 
@@ -54,15 +54,15 @@ def test_a_sine_and_a_decay_are_no_steps() -> None:
 def test_a_free_decay_that_a_model_does_not_describe_is_sent_to_the_comparison() -> None:
     stiffer = motion(viscous(0.02, cubic=6 * OMEGA**2), lambda t: 0.0, TIME, (0.8, 0.0))[0]
     found = fit(make_record(TIME, noisy(stiffer, 0.002, 1), output_unit="rad"), "linear")
-    assert any("linear does not describe it" in s and "--model auto" in s for s in suspicions(found))
-    assert not any("--model auto" in s for s in suspicions(found, compared=True))
+    assert any("linear does not describe it" in s and "--model auto" in s for s in diagnose(found))
+    assert not any("--model auto" in s for s in diagnose(found, compared=True))
 
 
 def test_suspicions_do_not_ask_of_what_was_held_out() -> None:
     x = motion(viscous(0.05), lambda t: 0.0, TIME, (0.5, 0.0))[0]
     record = make_record(TIME, noisy(x, 0.002, 3), output_unit="rad")
     spoilt = replace(record, output=np.where(TIME < 3, record.output, 1.0))
-    assert suspicions(fit(spoilt, "linear", kept=[TIME < 3])) == ()
+    assert diagnose(fit(spoilt, "linear", selected=[TIME < 3])) == ()
 
 
 SWEEP = np.arange(0, 20, 0.01)
@@ -80,14 +80,14 @@ def test_a_cart_has_a_mass_and_no_frequency() -> None:
     found = fit(cart(), "linear")
     assert np.isnan(found.natural_frequency_hz.value)
     assert found.parameters["mass_kg"].low < 2.0 < found.parameters["mass_kg"].high
-    (told,) = [s for s in suspicions(found) if "not told from zero" in s]
+    (told,) = [s for s in diagnose(found) if "not told from zero" in s]
     assert "a mass without a spring, a cart or a positioner, whose rate settles in 0.6" in told
 
 
 def test_a_cart_on_a_soft_spring_has_its_frequency() -> None:
     found = fit(cart(spring=2.0 * (2 * np.pi * 0.5) ** 2), "linear")
     assert found.natural_frequency_hz.value == pytest.approx(0.5, rel=0.01)
-    assert not any("not told from zero" in s for s in suspicions(found))
+    assert not any("not told from zero" in s for s in diagnose(found))
 
 
 def test_a_positioner_that_creeps_away_is_not_said_to_be_too_short() -> None:
@@ -103,7 +103,7 @@ def test_a_reversed_sensor_is_asked_after(turned: str) -> None:
     turned_round = replace(record, **{turned: -getattr(record, turned)})
     found = fit(turned_round, "linear")
     assert found.parameters["mass_kg"].high < 0
-    assert any("mass and stiffness came out negative: is a sensor's sign reversed?" in s for s in suspicions(found))
+    assert any("mass and stiffness came out negative: is a sensor's sign reversed?" in s for s in diagnose(found))
 
 
 @pytest.mark.slow
@@ -118,5 +118,5 @@ def test_a_base_that_is_measured_the_wrong_way_round_is_asked_after() -> None:
     x = motion(viscous(0.1), pull, TIME)[0] + base
     given = {"excitation": "base", "output_unit": "m", "input_unit": "m"}
     sound, turned = (make_record(TIME, noisy(x, 1e-4, 3), side * base, **given) for side in (1.0, -1.0))
-    assert any("with the input's sign reversed" in s for s in suspicions(fit(turned, "linear")))
-    assert not any("sign" in s for s in suspicions(fit(sound, "linear")))
+    assert any("with the input's sign reversed" in s for s in diagnose(fit(turned, "linear")))
+    assert not any("sign" in s for s in diagnose(fit(sound, "linear")))

@@ -120,7 +120,7 @@ def test_a_noisy_decay_with_dry_friction_has_no_smaller_sum_of_squares_at_the_tr
         sizes = [
             scales.amplitude if one.local == "offset" else scales.physical(one.local) for one in found.layout.entries
         ]
-        from_truth = solve(found.layout.problem(found.kept), np.array(begin) / sizes, tolerance=1e-8)
+        from_truth = solve(found.layout.problem(found.selected), np.array(begin) / sizes, tolerance=1e-8)
         assert found.solution.sum_of_squares <= from_truth.sum_of_squares * (1 + 1e-4)
 
 

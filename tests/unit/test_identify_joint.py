@@ -159,7 +159,7 @@ def test_the_shares_of_the_damping_add_up_to_all_of_it() -> None:
 @pytest.mark.slow
 def test_the_prediction_of_a_segment_lies_on_its_measurement() -> None:
     for segment in quiet_fit().segments:
-        kept = segment.residual[segment.kept]
+        kept = segment.residual[segment.selected]
         assert np.sqrt(np.mean(kept**2)) < 0.01 * np.sqrt(np.mean(segment.measured**2))
 
 

@@ -88,7 +88,7 @@ def test_records_that_are_fitted_together_have_the_density_of_all_their_residual
     laws, density = density_of(together)
     u = np.full(together.solution.values.size, 0.5)
     x_there = density.optimum + density.root @ u
-    risen = np.sum(together.layout.problem(together.kept).residual(x_there) ** 2) - density.least
+    risen = np.sum(together.layout.problem(together.selected).residual(x_there) ** 2) - density.least
     y = density.turned @ (x_there - density.optimum)
     q = (y @ density.robust @ y) / (y @ y)
     half = 0.5 * (density.freedom + u.size)

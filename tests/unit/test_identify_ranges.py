@@ -16,7 +16,7 @@ GROWING = np.where(T < 2, T / 2, np.exp(-0.8 * (T - 2))) * np.cos(2 * np.pi * 3 
 
 def test_a_record_of_which_nothing_is_kept_is_refused() -> None:
     with pytest.raises(RecordingError, match="record 0 has 3 samples to fit, expected at least 16"):
-        fit(make_record(T, GROWING), "linear", kept=[np.arange(T.size) < 3])
+        fit(make_record(T, GROWING), "linear", selected=[np.arange(T.size) < 3])
 
 
 @pytest.mark.parametrize("name", ["train", "test"])
@@ -30,4 +30,4 @@ def test_a_range_that_is_empty_reversed_outside_or_too_short_is_refused(name: st
 @pytest.mark.parametrize(("train", "test"), [((0, 16), None), ((1184, 1200), None), ((400, 900), (0, 16))])
 def test_the_smallest_ranges_at_either_end_are_divided(train: Any, test: Any) -> None:
     split = split_record(make_record(T, GROWING), train, test)
-    assert np.count_nonzero(split.kept) >= 8
+    assert np.count_nonzero(split.selected) >= 8

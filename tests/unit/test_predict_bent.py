@@ -19,7 +19,7 @@ from sinew.mechanics.space import Space
 from sinew.plan.toml import load_rig
 from sinew.predict.bent import INPUTS, OUTPUTS, SLOW_HZ, driven, response, servo_speed, spinal_engine, state_space
 from sinew.predict.linear import linear_joints
-from sinew.predict.modes import Asked, Finder
+from sinew.predict.modes import Finder, ModesRequest
 from sinew.solve.march import swing
 from sinew.solve.spatial import Linear, patterns, slow_down
 
@@ -30,7 +30,7 @@ MM = 12.0
 @pytest.fixture(scope="module")
 def finder() -> Finder:
     """Return the paper's rig at 12 mm, straight and bent by 30°."""
-    return Finder(load_rig("paper"), Asked((MM,), (0.0, 30.0)))
+    return Finder(load_rig("paper"), ModesRequest((MM,), (0.0, 30.0)))
 
 
 def test_a_state_space_of_all_shapes_is_the_response_of_the_linear_equations(finder: Finder) -> None:
@@ -81,7 +81,7 @@ def test_files_of_a_bent_joint_give_its_response_to_other_programs(finder: Finde
 
 def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) -> None:
     rig = load_rig("paper")
-    light = Finder(rig, finder.asked)
+    light = Finder(rig, finder.request)
     light.space = light.space._replace(weight=np.zeros(3))
     linear, space = light.linear(MM, 0)
     system = state_space(linear, space, light.at(MM, 0).coordinates)
@@ -166,7 +166,7 @@ def test_a_motor_that_gives_way_takes_twist_from_the_engine(finder: Finder) -> N
 def test_a_slow_sideways_drive_twists_the_head_as_a_minimiser_of_the_energy_says(name: str) -> None:
     """Slowly guides hold as a spring, which the minimiser does not have: it is taken off the response."""
     rig, bend, azimuth, small = load_rig(name), math.radians(30.0), math.radians(90.0), 1e-3
-    at = Finder(rig, Asked((MM,), (30.0,), 90.0))
+    at = Finder(rig, ModesRequest((MM,), (30.0,), 90.0))
     linear, space = at.linear(MM, 30.0)
     q = at.at(MM, 30.0).coordinates
     slow = response(linear, space, q, np.array([1e-6]))[0].real

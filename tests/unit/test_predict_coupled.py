@@ -13,7 +13,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.bent import response
 from sinew.predict.coupled import PredictedBent, coupled_problem, motions_of, predict_bent
-from sinew.predict.modes import Asked, Finder
+from sinew.predict.modes import Finder, ModesRequest
 from sinew.solve.balance import slices, unknowns
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem
@@ -74,7 +74,7 @@ def test_even_shapes_tilt_the_head_in_the_plane_of_the_bend_alone(across: Proble
 
 def test_a_joint_that_does_not_move_pulls_its_tendons_as_at_rest(rig: RigSpec, across: Problem) -> None:
     seen = motions_of(still(across, {}), across, posed(90.0))
-    rest = Finder(rig, Asked((MM,), (BEND,), 90.0)).at(MM, BEND).tension_n
+    rest = Finder(rig, ModesRequest((MM,), (BEND,), 90.0)).at(MM, BEND).tension_n
     assert np.abs(seen.tension[0] - rest[:, None]).max() < 1e-6 * rest.max()
 
 
@@ -89,7 +89,7 @@ def predicted(rig: RigSpec, amplitude_deg: float) -> PredictedBent:
 @pytest.mark.long
 def test_a_small_swing_is_that_of_the_linear_equations(rig: RigSpec) -> None:
     (one,) = predicted(rig, 0.02).curves
-    finder = Finder(rig, Asked((MM,), (BEND,), 90.0))
+    finder = Finder(rig, ModesRequest((MM,), (BEND,), 90.0))
     linear, space = finder.linear(MM, BEND)
     q = finder.at(MM, BEND).coordinates
     torsion = one.seen.torsion[:, 1]

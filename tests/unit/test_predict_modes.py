@@ -7,13 +7,13 @@ import pytest
 
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
-from sinew.predict.modes import SHARES, Asked, Finder, draw_spatial, energy_shares, find_modes
+from sinew.predict.modes import SHARES, Finder, ModesRequest, draw_spatial, energy_shares, find_modes
 
 
 @pytest.fixture(scope="module")
 def finder() -> Finder:
     """Return the modes of the paper's rig with guides that slip in swings of 20°."""
-    return Finder(load_rig("paper"), Asked((12.0,), (0.0, 20.0), swing_deg=20.0))
+    return Finder(load_rig("paper"), ModesRequest((12.0,), (0.0, 20.0), swing_deg=20.0))
 
 
 def test_the_torsion_of_a_straight_joint_is_nothing_else(finder: Finder) -> None:
@@ -87,7 +87,7 @@ def test_a_rig_without_masses_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_sway_held_by_current_crosses_the_torsion_between_six_and_twelve_millimetres() -> None:
-    at = Finder(load_rig("paper"), Asked((6.0, 12.0), (0.0,), mode="current"))
+    at = Finder(load_rig("paper"), ModesRequest((6.0, 12.0), (0.0,), mode="current"))
     apart = []
     for pretension_mm in (6.0, 12.0):
         pose = at.at(pretension_mm, 0.0)

@@ -14,7 +14,7 @@ from sinew.plan.plan import Pose
 from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.design import Design, design_rig, section_of, shear_modulus_of
 from sinew.predict.expected_response import preview_plan
-from sinew.predict.pose import Asked, find_pose, surface_strain
+from sinew.predict.pose import PoseRequest, find_pose, surface_strain
 from sinew.predict.section import ellipse_section
 from sinew.predict.workspace import VERDICTS, map_workspace
 from sinew.twin.parameters import space_from_rig
@@ -26,14 +26,14 @@ ROLL = float(np.degrees(Pose(bend_deg=20, azimuth_deg=0).swing_rad[1]))
 
 @pytest.mark.parametrize(("pretension_mm", "bend_deg"), [(0.0, 5.7), (6.0, 29.5)])
 def test_the_bend_from_which_on_a_tendon_is_slack_is_told(pretension_mm: float, bend_deg: float) -> None:
-    found = find_pose(RIG, Asked(pretension_mm, Pose(bend_deg=2, azimuth_deg=90))).slack
+    found = find_pose(RIG, PoseRequest(pretension_mm, Pose(bend_deg=2, azimuth_deg=90))).slack
     assert found is not None
     assert found.bend_deg == pytest.approx(bend_deg, rel=0.05)
     assert found.tendon == 4  # across from the azimuth of 90°
 
 
 def test_currents_buckle_the_upright_joint_at_the_columns_load() -> None:
-    found = find_pose(RIG, Asked(12.0, mode="current")).buckling
+    found = find_pose(RIG, PoseRequest(12.0, mode="current")).buckling
     assert found is not None
     section, modulus = section_of(RIG), shear_modulus_of(RIG)
     euler = np.pi**2 * 3 * modulus * section.least / RIG.silicone.length.value**2
@@ -43,20 +43,20 @@ def test_currents_buckle_the_upright_joint_at_the_columns_load() -> None:
 
 
 def test_a_pose_that_buckles_is_refused_with_its_reason() -> None:
-    found = find_pose(RIG, Asked(22.0, Pose(bend_deg=5, azimuth_deg=0), "current"), outlook=False)
+    found = find_pose(RIG, PoseRequest(22.0, Pose(bend_deg=5, azimuth_deg=0), "current"), outlook=False)
     assert not found.ok
     assert found.rest is None
     assert "does not stay" in found.findings[0].sentence
 
 
 def test_a_pose_beyond_the_rigs_bend_is_found_and_refused() -> None:
-    found = find_pose(RIG, Asked(12.0, Pose(bend_deg=42, azimuth_deg=0)), outlook=False)
+    found = find_pose(RIG, PoseRequest(12.0, Pose(bend_deg=42, azimuth_deg=0)), outlook=False)
     assert found.rest is not None
     assert "bent by 42.0°, the rig allows 40°" in found.findings[0].sentence
 
 
 def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
-    found = find_pose(RIG, Asked(0.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
+    found = find_pose(RIG, PoseRequest(0.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
     assert any("lies inside the silicone" in one.sentence for one in found.findings)
     # hardly pressed, the silicone bends to an arc, whose sagitta is L β/8
     assert np.mean([one.sagitta_mm for one in found.tendons]) == pytest.approx(95 * np.radians(20) / 8, rel=0.2)
@@ -64,7 +64,7 @@ def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
 
 def test_a_chord_keeps_clear_of_an_oval_on_its_flat_side_only() -> None:
     oval = design_rig(RIG, Design(section=ellipse_section(0.070, 0.040), name="oval"))
-    found = find_pose(oval, Asked(0.0), outlook=False)
+    found = find_pose(oval, PoseRequest(0.0), outlook=False)
     circle = 1e3 * RIG.tendons.head_radius.value
     # 0 mm hardly press it: wide by 70 mm along y, where tendons 1 and 3 are, and 40 mm along z
     expected = [circle - 35, circle - 20, circle - 35, circle - 20]
@@ -91,7 +91,7 @@ def test_an_oval_is_strained_less_where_it_bends_over_its_flat_side() -> None:
 
 def test_a_joint_that_is_cast_curved_rests_bent_where_nothing_holds_it() -> None:
     curved = load_rig("curved")
-    found = find_pose(curved, Asked(mode="current", tension_n=(0.0, 0.0, 0.0, 0.0)), outlook=False)
+    found = find_pose(curved, PoseRequest(mode="current", tension_n=(0.0, 0.0, 0.0, 0.0)), outlook=False)
     assert found.pose is not None
     assert found.pose.azimuth_deg == pytest.approx(90)
     assert 30 < found.pose.bend_deg < 36  # the head's weight, which leans over, bends it further
@@ -99,7 +99,7 @@ def test_a_joint_that_is_cast_curved_rests_bent_where_nothing_holds_it() -> None
 
 def test_take_ups_of_motors_that_hold_currents_are_refused() -> None:
     with pytest.raises(SpecError, match="give the tensions"):
-        find_pose(RIG, Asked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
+        find_pose(RIG, PoseRequest(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
 
 
 def test_tensions_of_a_plan_stand_beside_their_pretensions_where_one_has_no_pose() -> None:
@@ -143,7 +143,7 @@ def test_a_cell_of_the_workspace_is_refused_by_just_the_limit_that_its_pose_brea
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The pose of the cell is found by itself; each limit is set just beyond what it needs, and just short of that."""
-    posed = find_pose(RIG, Asked(6.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
+    posed = find_pose(RIG, PoseRequest(6.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
     assert posed.rest is not None
     assert posed.margins is not None
     pull, take_up = posed.rest.at.tension.max(), 1e3 * posed.rest.take_up

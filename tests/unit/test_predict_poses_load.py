@@ -14,7 +14,7 @@ from sinew.paper.bent import answer_asymmetry, answer_carrying
 from sinew.plan.plan import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.pose import Asked, find_pose
+from sinew.predict.pose import PoseRequest, find_pose
 from sinew.predict.workspace import PAYLOAD_HEIGHT, at_least_zero, carried_mass, tilt_stiffness, with_bounds
 
 RIG = load_rig("paper")
@@ -42,7 +42,7 @@ def pushed(joint: PlainJoint, start: Array, moment: float, ends: Array | None, t
 
 @pytest.mark.slow
 def test_stiffness_in_tilt_and_the_moment_at_which_a_tendon_is_slack_are_those_of_a_minimiser() -> None:
-    posed = find_pose(RIG, Asked(MM), outlook=False)
+    posed = find_pose(RIG, PoseRequest(MM), outlook=False)
     assert posed.rest is not None
     joint, told = PlainJoint(RIG), tilt_stiffness(RIG, MM)
     ends, tension = np.asarray(posed.space.cable_end), np.asarray(posed.rest.at.tension)
@@ -60,8 +60,8 @@ def test_with_the_largest_mass_a_tendon_pulls_no_more_where_a_minimiser_holds_th
     joint = PlainJoint(RIG)
     joint.mass += most.mass
     joint.above += most.mass * PAYLOAD_HEIGHT
-    ends = np.asarray(find_pose(RIG, Asked(MM), outlook=False).space.cable_end)
-    near = find_pose(RIG, Asked(MM, Pose(bend_deg=20, azimuth_deg=0)), outlook=False).coordinates
+    ends = np.asarray(find_pose(RIG, PoseRequest(MM), outlook=False).space.cable_end)
+    near = find_pose(RIG, PoseRequest(MM, Pose(bend_deg=20, azimuth_deg=0)), outlook=False).coordinates
     assert near is not None
     leans, pulls = [], []
     for across in (-0.0064, -0.0067):  # both before it is slack, where the slope is another
@@ -96,7 +96,7 @@ def test_tensions_are_alike_upright_and_those_of_the_pose_where_it_bends() -> No
     answer = answer_asymmetry(RIG, (0.0, MM))
     rows = {(row["pretension_mm"], row["bend_deg"]): row for row in answer.rows}
     upright, bent = (rows[MM, bend] for bend in (0.0, 30.0))
-    posed = find_pose(RIG, Asked(MM, Pose(bend_deg=30, azimuth_deg=0)), outlook=False)
+    posed = find_pose(RIG, PoseRequest(MM, Pose(bend_deg=30, azimuth_deg=0)), outlook=False)
     assert posed.rest is not None
     assert value(upright["highest_n"]) == pytest.approx(value(upright["lowest_n"]), rel=1e-6)
     assert value(bent["highest_n"]) == pytest.approx(posed.rest.at.tension.max(), rel=1e-4)

@@ -227,14 +227,14 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     if not parts:
         raise RecordingError(str(in_space["coupling_notes"] or in_space["sway_notes"]))
     results = join_parts(parts)
-    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
-    results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
+    attributes = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_NOTES)}
+    results.attrs = {**_attributes(recording, signals), **attributes, **in_space, "resonance_notes": notes}
     doubts = sorted([*doubts, *doubt_decays(results, signals)], key=lambda doubt: -doubt.distance)
     results.attrs["doubts"] = json.dumps([doubt.to_dict() for doubt in doubts], ensure_ascii=False)
     return validate_results(results)
 
 
-_TOLD = ("_notes", "idle_power_w", "coupling_drive")
+_NOTES = ("_notes", "idle_power_w", "coupling_drive")
 
 
 def _sweep(signals: Signals) -> tuple[xr.Dataset, str]:
@@ -267,13 +267,13 @@ def _in_space(signals: Signals, parts: list[xr.Dataset]) -> dict[str, Any]:
     """
     assert signals.pose is not None
     bend, azimuth = np.degrees([signals.pose.bend, signals.pose.azimuth])
-    told = {"pose": json.dumps({"bend_deg": float(bend), "azimuth_deg": float(azimuth)})}
-    told |= {"coupling_notes": "", "sway_notes": "", "sway_ring_downs": "[]"}
+    attributes = {"pose": json.dumps({"bend_deg": float(bend), "azimuth_deg": float(azimuth)})}
+    attributes |= {"coupling_notes": "", "sway_notes": "", "sway_ring_downs": "[]"}
     if any(True for _ in signals.of_kind("steady")):
         try:
             parts.append(analyse_coupling(signals))
         except RecordingError as error:
-            told["coupling_notes"] = f"no coupling could be analysed: {error}"
+            attributes["coupling_notes"] = f"no coupling could be analysed: {error}"
     rows: list[DecayRow] = []
     for excitation in ("pitch", "roll", "impulse-pitch", "impulse-roll"):
         decays = tilting(signals, excitation)
@@ -281,27 +281,27 @@ def _in_space(signals: Signals, parts: list[xr.Dataset]) -> dict[str, Any]:
             try:
                 found = analyse_ring_downs(decays)
             except RecordingError as error:
-                told["sway_notes"] = f"no decay in {excitation} could be analysed: {error}"
+                attributes["sway_notes"] = f"no decay in {excitation} could be analysed: {error}"
                 continue
             rows += [replace(row, excitation=excitation) for row in decay_rows(found)]
             if not parts:
                 parts.append(xr.Dataset(coords={"pretension_mm": found["pretension_mm"]}))
-    return told | {"sway_ring_downs": json.dumps([row.to_dict() for row in rows])}
+    return attributes | {"sway_ring_downs": json.dumps([row.to_dict() for row in rows])}
 
 
 def _attributes(recording: xr.Dataset, signals: Signals) -> dict[str, Any]:
     """Return the provenance of results: what the recording says of itself, its hash, and this program's versions."""
-    kept = recording.attrs
-    seed = int(kept.get("seed", -1))
+    about = recording.attrs
+    seed = int(about.get("seed", -1))
     return provenance(
-        str(kept.get("source", "import")),
-        rig=str(kept.get("rig", "")),
-        plan=str(kept.get("plan", "")),
+        str(about.get("source", "import")),
+        rig=str(about.get("rig", "")),
+        plan=str(about.get("plan", "")),
         seed=None if seed < 0 else seed,
         schema=RESULTS_SCHEMA,
-        recording_hash=str(kept.get("content_hash") or content_hash(recording)),
-        effects_off=str(kept.get("effects_off", "")),
-        recording_versions=str(kept.get("versions", "")),
+        recording_hash=str(about.get("content_hash") or content_hash(recording)),
+        effects_off=str(about.get("effects_off", "")),
+        recording_versions=str(about.get("versions", "")),
         response_unit="rad" if signals.response.is_rate else signals.response.unit,
         drive_unit="" if signals.drive is None else signals.drive.unit,
     )

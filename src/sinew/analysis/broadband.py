@@ -273,7 +273,7 @@ def analyse_broadband(
     Raises RecordingError where there is no drive, it stands still, or nothing coheres with it; SpecError for a band, a
     segment or a number of modes that cannot be.
     """
-    check_asked(band_hz, modes, segment_s)
+    check_options(band_hz, modes, segment_s)
     pieces, sample_hz, units, notes = even_pieces(recording)
     period = None if segment_s is not None or len(pieces) > 1 else repeats_every(pieces[0][0])
     if period is not None:
@@ -295,7 +295,7 @@ def analyse_broadband(
     return BroadbandResult(**vars(found), period_s=None if period is None else period / sample_hz)
 
 
-def check_asked(band_hz: tuple[float, float] | None, modes: int | None, segment_s: float | None) -> None:
+def check_options(band_hz: tuple[float, float] | None, modes: int | None, segment_s: float | None) -> None:
     """Do nothing where band, number of modes and length of a segment can be; else raise SpecError."""
     if modes is not None:
         checked_count(modes)
@@ -502,11 +502,11 @@ def _fit(
     response: FrequencyResponse, band: tuple[float, float], modes: int | None
 ) -> tuple[PoleFit | None, tuple[str, ...]]:
     """Return the modes of H1 in a band and what to beware of; none and the reason where there are none."""
-    kept = lines_in(response, band)
-    known = replace(response, h1=np.where(kept, response.h1, np.nan))
+    retained = lines_in(response, band)
+    known = replace(response, h1=np.where(retained, response.h1, np.nan))
     alike = 1.0 + 2.0 * float(np.sum(response.bin_correlation[1:] ** 2))
     return choose_modes(
-        lambda count: fit_poles_of(known, *band, modes=count), band, modes, int(np.count_nonzero(kept)), alike
+        lambda count: fit_poles_of(known, *band, modes=count), band, modes, int(np.count_nonzero(retained)), alike
     )
 
 

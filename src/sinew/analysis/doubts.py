@@ -6,7 +6,7 @@ the places where it was seen and with how far they lie from what was expected, i
 
 That uncertainty is the measured one and the expectation's own, declared below with its reason. Doubt begins at three
 of it. Nothing here needs the twin: what it foretells is kept beside the recording (attribute `expected`, see
-`foretold`), and where there is none, that comparison is not made.
+`expected_text`), and where there is none, that comparison is not made.
 """
 
 import json
@@ -58,7 +58,7 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True, repr=False)
-class Place(Result):
+class Location(Result):
     """Where in a campaign something was seen: pretension [mm], drive frequency [Hz; NaN for none], repeat."""
 
     pretension_mm: Annotated[float, Field("pretension")]
@@ -80,7 +80,7 @@ class Doubt(Result):
     """
 
     kind: Annotated[str, Field("", "detail")]
-    where: Annotated[Rows[Place], Field("", "detail")]
+    where: Annotated[Rows[Location], Field("", "detail")]
     sentence: Annotated[str, Field("", "sentence")]
     distance: Annotated[float, Field("", "detail")]
 
@@ -119,14 +119,14 @@ def doubt_decays(results: xr.Dataset, signals: Signals) -> list[Doubt]:
     return [doubt for kind, seen in checks for doubt in seen.doubt(kind)]
 
 
-def foretold(results: xr.Dataset) -> str:
+def expected_text(results: xr.Dataset) -> str:
     """Return what a recording of the same plan is expected to give, as the text of the attribute `expected`.
 
     results: of the twin's recording of the plan, without noise; one repeat is enough. Empty where it would be too much
     for an attribute of a file (some thousand groups).
     """
     document: dict[str, Any] = {}
-    for name in _FORETOLD:
+    for name in _EXPECTED:
         if name in results:
             values = np.asarray(results[name].values, dtype=float)
             if values.ndim and results[name].dims[-1] == "repeat":
@@ -139,7 +139,7 @@ def foretold(results: xr.Dataset) -> str:
     return text if len(text) < _MOST_TEXT else ""
 
 
-_FORETOLD = (
+_EXPECTED = (
     "drive_amplitude_rad",
     "gain_measured_drive",
     "phase_lag_rad",
@@ -203,12 +203,12 @@ class _Sweep:
                 supply[at] = signals.recorded["supply_v"][where].mean()
         return _Sweep(*axes, columns, command, supply, groups)
 
-    def place(self, index: tuple[int, ...]) -> Place:
+    def where(self, index: tuple[int, ...]) -> Location:
         p, f, r = index
-        return Place(float(self.pretension_mm[p]), float(self.frequency_hz[f]), int(self.repeat[r]))
+        return Location(float(self.pretension_mm[p]), float(self.frequency_hz[f]), int(self.repeat[r]))
 
     def at(self, expected: Mapping[str, Array], name: str, factor: float = 1.0) -> Array:
-        """Return a foretold column at the sweep's frequencies times a factor, (p, f), NaN where it does not reach."""
+        """Return an expected column at the sweep's frequencies times a factor, (p, f), NaN where it does not reach."""
         out = np.full((self.pretension_mm.size, self.frequency_hz.size), np.nan)
         table = expected.get(name)
         axes = expected.get("pretension_mm"), expected.get("frequency_hz")
@@ -219,23 +219,23 @@ class _Sweep:
             known = np.isfinite(table[row[0]]) if row.size else np.zeros(0, dtype=bool)
             if known.any():
                 f, values = axes[1][known], table[row[0]][known]
-                asked = np.clip(self.frequency_hz * factor, f[0], f[-1])
+                nearby_hz = np.clip(self.frequency_hz * factor, f[0], f[-1])
                 inside = (self.frequency_hz >= f[0] - 1e-9) & (self.frequency_hz <= f[-1] + 1e-9)
-                out[i] = np.where(inside, np.interp(asked, f, values), np.nan)
+                out[i] = np.where(inside, np.interp(nearby_hz, f, values), np.nan)
         return out
 
     def seen(self, distance: Array, sentence: Callable[[tuple[int, ...]], str]) -> "_Seen":
         """Return the groups beyond the threshold; sentence: of one of them, with its advice."""
         distance = np.nan_to_num(distance, nan=0.0, posinf=np.inf)
-        places = [tuple(map(int, place)) for place in np.argwhere(distance > DOUBTED_FROM)]
-        rows = [(float(distance[at]), self.place(at), partial(sentence, at)) for at in places]
+        places = [tuple(map(int, location)) for location in np.argwhere(distance > DOUBTED_FROM)]
+        rows = [(float(distance[at]), self.where(at), partial(sentence, at)) for at in places]
         return _Seen(rows, int(np.isfinite(self.columns["gain_harmonic"]).sum()), "groups")
 
 
 class _Seen(NamedTuple):
     """What one check saw: (distance, place, sentence) at each place; looked: at how many places, or groups, it did."""
 
-    rows: Sequence[tuple[float, Place, Callable[[], str]]]
+    rows: Sequence[tuple[float, Location, Callable[[], str]]]
     looked: int
     of: str = "places"
 
@@ -261,9 +261,9 @@ def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
     """
     lever, command, gain = (sweep.columns["drive_amplitude_rad"], sweep.command, sweep.columns["gain_measured_drive"])
     lag, std = sweep.columns["phase_lag_rad"], sweep.columns["drive_amplitude_std_rad"]
-    foretold_lever, on_curve = np.full(command.shape[:2], np.nan), np.zeros(lever.shape, dtype=bool)
+    expected_lever, on_curve = np.full(command.shape[:2], np.nan), np.zeros(lever.shape, dtype=bool)
     if expected is not None:
-        foretold_lever = sweep.at(expected, "drive_amplitude_rad")
+        expected_lever = sweep.at(expected, "drive_amplitude_rad")
         on_curve = np.fmax(*_off_curve(sweep, expected)[0]) < DOUBTED_FROM
     blamed, contradicted, unsaturated, reach = (np.zeros(lever.shape) for _ in range(4))
     looked = np.isfinite(lever) & np.isfinite(command) & (command > 0)
@@ -273,14 +273,14 @@ def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
     head = np.where(np.isfinite(gain + lag), gain * np.exp(-1j * lag), 0.0)[looked]
     hertz = np.broadcast_to(sweep.frequency_hz[:, None], looked.shape)[looked]
     reached = drive_reaches(rigs, command[looked], hertz, head) if looked.any() else []
-    for place, here, frequency, swung in zip(np.argwhere(looked), rigs, hertz.tolist(), reached, strict=True):
-        at = tuple(map(int, place))
+    for location, here, frequency, swung in zip(np.argwhere(looked), rigs, hertz.tolist(), reached, strict=True):
+        at = tuple(map(int, location))
         reach[at], own = swung.amplitude_rad, math.hypot(_LEVER_STD, _ratio(std[at], lever[at]))
         by_head = _logs(lever[at], reach[at], own)
         if by_head > DOUBTED_FROM:
             held = drive_reach(here, float(command[at]), frequency).amplitude_rad
             by_held = _logs(lever[at], min(max(lever[at], _HELD_LOW * held), _HELD_HIGH * held), own)
-            by_twin = _logs(lever[at], foretold_lever[at[:2]], own)
+            by_twin = _logs(lever[at], expected_lever[at[:2]], own)
             guilty = by_held > DOUBTED_FROM or (by_twin > DOUBTED_FROM and bool(on_curve[at]))
             (blamed if guilty else contradicted)[at] = by_head
         if "saturated_share" in sweep.columns and sweep.columns["saturated_share"][at] < 0.02:
@@ -298,7 +298,7 @@ def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
         sweep.seen(
             blamed,
             lambda at: (
-                f"the lever went {_deg(lever[at])} of the {_deg(command[at])} asked for at {sweep.place(at)}; with the "
+                f"the lever went {_deg(lever[at])} of the {_deg(command[at])} asked for at {sweep.where(at)}; with the "
                 f"head swinging as measured the drive reaches {_deg(reach[at])}: {advice[bool(short[at])]}"
             ),
         ),
@@ -308,7 +308,7 @@ def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
         sweep.seen(
             contradicted,
             lambda at: (
-                f"lever and torsion contradict each other at {sweep.place(at)}: with a head that swings "
+                f"lever and torsion contradict each other at {sweep.where(at)}: with a head that swings "
                 f"{number(gain[at], 3)} times as far as the lever, the drive would move the lever by "
                 f"{_deg(reach[at])}, it moved by {_deg(lever[at])}; look at the gyro's scale and axes, and at the "
                 "lever's inertia in the rig"
@@ -320,7 +320,7 @@ def _lever_checks(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | N
         sweep.seen(
             unsaturated,
             lambda at: (
-                f"the drive's duty never touched its limit at {sweep.place(at)}, where the check has it there for "
+                f"the drive's duty never touched its limit at {sweep.where(at)}, where the check has it there for "
                 f"{100 * _SHARE_STD * unsaturated[at]:.0f} % of the time: look at the drive's PWM limit and goal PWM"
             ),
         ),
@@ -345,7 +345,7 @@ def _torsion_checks(sweep: _Sweep, signals: Signals) -> _Checks:
         sweep.seen(
             np.where(moving & (beyond > 0), beyond / np.sqrt(sum(known) + _LAG_STD**2), 0.0),
             lambda at: (
-                f"the torsion lags the lever by {math.degrees(lag[at]):.0f}° at {sweep.place(at)}; a joint that takes "
+                f"the torsion lags the lever by {math.degrees(lag[at]):.0f}° at {sweep.where(at)}; a joint that takes "
                 "energy lags by 0° to 180°: look at the signs of the gyro's axes and of the lever (wiring), and at the "
                 "sensor delays of the rig"
             ),
@@ -356,7 +356,7 @@ def _torsion_checks(sweep: _Sweep, signals: Signals) -> _Checks:
         sweep.seen(
             np.where(moving & ~(size > DOUBTED_FROM * columns["amplitude_std_rad"]), np.inf, 0.0),
             lambda at: (
-                f"the head does not answer at {sweep.place(at)}: the lever swings by {_deg(lever[at])}, the torsion is "
+                f"the head does not answer at {sweep.where(at)}: the lever swings by {_deg(lever[at])}, the torsion is "
                 "none beyond its noise; look at the IMU and at what couples lever and head"
             ),
         ),
@@ -374,7 +374,7 @@ def _torsion_checks(sweep: _Sweep, signals: Signals) -> _Checks:
             np.where(moving & (ratio > 1.0), DOUBTED_FROM * np.maximum(ratio, 1.0), 0.0),
             lambda at: (
                 f"the gyro turns {number(ratio[at], 2)} times as much about another axis of the head as about its x, "
-                f"the joint's, at {sweep.place(at)}; look at imu_axes in the rig's wiring and at the chip's mounting"
+                f"the joint's, at {sweep.where(at)}; look at imu_axes in the rig's wiring and at the chip's mounting"
             ),
         ),
     )
@@ -417,7 +417,7 @@ def _curve_check(sweep: _Sweep, expected: Mapping[str, Array]) -> _Seen:
             low, high = (number(end[at[:2]][0], 3) for end in gains)
             found, unit, what = f"gain {number(sweep.columns['gain_measured_drive'][at], 3)}", "", "gyro"
         return (
-            f"the curve is far from the rig's prediction: {found} at {sweep.place(at)}, expected {low} to {high}{unit}"
+            f"the curve is far from the rig's prediction: {found} at {sweep.where(at)}, expected {low} to {high}{unit}"
             f"; either the rig file is not this rig, or pretension, lever or {what} are not as it says"
         )
 
@@ -444,7 +444,7 @@ def _resonance_checks(results: xr.Dataset, expected: Mapping[str, Array]) -> _Ch
                     "and first contact, at the masses on the lever, and at the rig file"
                 )
                 distance = _logs(hz, expected_hz, math.hypot(_RESONANCE_STD, std / hz))
-                rows.append((distance, Place(mm, math.nan, 0), partial(str, text)))
+                rows.append((distance, Location(mm, math.nan, 0), partial(str, text)))
         yield "resonance", _Seen(rows, len(rows))
 
 
@@ -456,18 +456,18 @@ def _damping_checks(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Ar
     outside, far = [], []
     for p, r in np.argwhere(np.isfinite(ratio)).tolist():
         mm, value = float(results["pretension_mm"].values[p]), float(ratio[p, r])
-        place, relative = Place(mm, math.nan, r), _ratio(float(own[p, r]), value)
+        location, relative = Location(mm, math.nan, r), _ratio(float(own[p, r]), value)
         low, high = possible_damping(rig, float(results["decay_frequency_hz"].values[p, r]))
         distance = _logs(value, min(max(value, low), high), math.hypot(_LOSS_STD, relative))
         text = (
-            f"D is {number(value, 3)} at {place}; silicone and guides of the rig can give {number(low, 2)} to "
+            f"D is {number(value, 3)} at {location}; silicone and guides of the rig can give {number(low, 2)} to "
             f"{number(high, 2)}: look at the drive (does it hold the lever?), at the guides, and at the rig file"
         )
-        outside.append((math.inf if value <= 0 else distance, place, partial(str, text)))
+        outside.append((math.inf if value <= 0 else distance, location, partial(str, text)))
         twins = _expected_at(expected or {}, "damping_ratio", mm)
         if math.isfinite(twins) and value > 0:
-            text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(twins, 3)}"
-            far.append((_logs(value, twins, math.hypot(_DAMPING_STD, relative)), place, partial(str, text)))
+            text = f"D is {number(value, 3)} at {location}, the rig's prediction is {number(twins, 3)}"
+            far.append((_logs(value, twins, math.hypot(_DAMPING_STD, relative)), location, partial(str, text)))
     yield "damping", _Seen(outside, len(outside))
     yield "damping", _Seen(far, len(far))
 
@@ -518,18 +518,20 @@ def group_doubts(rig: RigSpec, segment: Segment, time_s: Array, drive_rad: Array
     design = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
     wave = np.linalg.lstsq(design, lever, rcond=None)[0]
     amplitude = float(np.hypot(wave[0], wave[1]))
-    place, found = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat), []
+    location, found = Location(segment.pretension_mm, segment.frequency_hz, segment.repeat), []
     least = _HELD_LOW * drive_reach(rig, command, segment.frequency_hz).amplitude_rad
     if amplitude < least and _logs(amplitude, least, _LEVER_STD) > DOUBTED_FROM:
         found.append(
-            f"the lever went {_deg(amplitude)} of the {_deg(command)} asked for at {place}, the drive reaches "
+            f"the lever went {_deg(amplitude)} of the {_deg(command)} asked for at {location}, the drive reaches "
             f"{_deg(2.0 * least)} against a held head: look at its PWM limit, goal PWM, profile and supply"
         )
     step = float(np.median(np.diff(time)))
     for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
         longest = _longest_row(values[:, None], _near(values[:, None]))
         if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
-            found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
+            found.append(
+                f"{words} repeats one value for {longest * step:.2g} s at {location}: look at it and its cable"
+            )
     return found
 
 
@@ -572,12 +574,12 @@ def _frozen_checks(signals: Signals) -> _Checks:
             needed = max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
             longest = _longest_row(values[where], near)
             if longest > needed:
-                place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
+                location = Location(segment.pretension_mm, segment.frequency_hz, segment.repeat)
                 text = (
-                    f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look "
-                    "at the sensor, its cable and its firmware"
+                    f"{words} repeats one value for {longest / rate:.2g} s at {location}, while the lever is driven: "
+                    "look at the sensor, its cable and its firmware"
                 )
-                rows.append((DOUBTED_FROM * longest / needed, place, partial(str, text)))
+                rows.append((DOUBTED_FROM * longest / needed, location, partial(str, text)))
         yield "frozen", _Seen(rows, len(looked))
 
 
@@ -623,7 +625,7 @@ def _pretension_check(signals: Signals, rig: RigSpec) -> _Seen:
             f"should by {number(wanted, 3)} mm: look for a slipped pulley, another radius, or a motor that was turned"
         )
         distance = abs(pulled - wanted) / math.hypot(_PRETENSION_STD_MM, _PRETENSION_STD * wanted)
-        rows.append((distance, Place(mm, math.nan, 0), partial(str, text)))
+        rows.append((distance, Location(mm, math.nan, 0), partial(str, text)))
     return _Seen(rows, len(rows))
 
 

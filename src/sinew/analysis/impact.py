@@ -20,7 +20,7 @@ from sinew.analysis.broadband import (
     Segmentation,
     Spectra,
     band_of_modes,
-    check_asked,
+    check_options,
     choose_modes,
     even_pieces,
     lines_in,
@@ -147,7 +147,7 @@ def analyse_impacts(
     Raises RecordingError where there is no drive, no hit or no response to it; SpecError for a band, a block or a
     number of modes that cannot be.
     """
-    check_asked(band_hz, modes, segment_s)
+    check_options(band_hz, modes, segment_s)
     pieces, sample_hz, units, notes = even_pieces(recording)
     strikes = _strikes(recording, pieces, sample_hz)
     used, hits, said = _judged(strikes)
@@ -259,8 +259,8 @@ def _judged(strikes: Sequence[_Strike]) -> tuple[list[_Strike], tuple[HitResult,
         remarks.append("; ".join([*filter(None, [strike.hit.remark]), *words]))
     clean = [not remark for remark in remarks]
     usable = [not (strike.is_cut or is_short) for strike, is_short in zip(strikes, short, strict=True)]
-    kept = clean if any(clean) else usable
-    if not any(kept):
+    retained = clean if any(clean) else usable
+    if not any(retained):
         found = "; ".join(
             f"{hit.time_s:.4g} s: {r}" for hit, r in zip((s.hit for s in strikes[:3]), remarks, strict=False)
         )
@@ -269,14 +269,15 @@ def _judged(strikes: Sequence[_Strike]) -> tuple[list[_Strike], tuple[HitResult,
             "take a larger range"
         )
     hits = tuple(
-        replace(strike.hit, used=use, remark=remark) for strike, use, remark in zip(strikes, kept, remarks, strict=True)
+        replace(strike.hit, used=use, remark=remark)
+        for strike, use, remark in zip(strikes, retained, remarks, strict=True)
     )
     said = [
         f"hit at {hit.time_s:.4g} s: {hit.remark}; {'used, for there is no better' if hit.used else 'left out'}"
         for hit in hits
         if hit.remark
     ]
-    return [strike for strike, use in zip(strikes, kept, strict=True) if use], hits, said
+    return [strike for strike, use in zip(strikes, retained, strict=True) if use], hits, said
 
 
 def _of_rest(used: Sequence[_Strike], length: int) -> list[str]:
@@ -403,8 +404,8 @@ def _line_errors(measured: _Measured, lines: NDArray[np.intp]) -> LineErrors:
                 spectrum = np.zeros((size // 2 + 1, columns.shape[1]), dtype=complex)
                 spectrum[lines] = weighted * spread[:, None]
                 # half of the two-sided sum: irfft adds the conjugates, which doubles the real part
-                course = 0.5 * size * scipy.fft.irfft(spectrum, size, axis=0) * through[:, None]
-                total += course.T @ course
+                history = 0.5 * size * scipy.fft.irfft(spectrum, size, axis=0) * through[:, None]
+                total += history.T @ history
         return total
 
     return LineErrors(scores, alike)

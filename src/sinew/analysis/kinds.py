@@ -39,7 +39,7 @@ _COHERENT = 0.5
 _SHORTEST = 64  # samples
 
 
-class FoundKind(NamedTuple):
+class JudgedKind(NamedTuple):
     """Which kind a record is, and by what that was told, in half a sentence."""
 
     kind: RecordKind
@@ -55,7 +55,7 @@ class _Decay(NamedTuple):
     is_falling: bool
 
 
-def find_kind(recording: xr.Dataset) -> FoundKind:
+def find_kind(recording: xr.Dataset) -> JudgedKind:
     """Return which kind a foreign record is, by its longest part.
 
     recording: of a table. Raises RecordingError, with the kinds that are possible, where that cannot be told.
@@ -105,7 +105,7 @@ def _unclear(what: str, *possible: RecordKind) -> RecordingError:
     return RecordingError(f"cannot tell what this record is: {what}; say it, its kind can be {kinds}")
 
 
-def _of_response(time: Array, response: Array, why: str) -> FoundKind:
+def _of_response(time: Array, response: Array, why: str) -> JudgedKind:
     """Return a ring-down, unless the swings of a response that nothing drives do not fall.
 
     Where there are no swings to look at, the analysis of a ring-down says best what it lacks.
@@ -115,14 +115,14 @@ def _of_response(time: Array, response: Array, why: str) -> FoundKind:
     except RecordingError:
         decay = None
     if decay is None:
-        return FoundKind("ring-down", f"{why}, which leaves nothing else")
+        return JudgedKind("ring-down", f"{why}, which leaves nothing else")
     if not decay.is_falling:
         raise RecordingError(
             f"cannot tell what this record is: {why}, and the swings of the response do not fall; where something "
             "drove it, name its column (drive), and the kind can be sweep, broadband or impact; where it decays in a "
             "part of the record, cut it there (start, stop), or say that its kind is ring-down"
         )
-    return FoundKind("ring-down", f"{why}, and the swings fall to 1/{number(decay.ratio, 2)}")
+    return JudgedKind("ring-down", f"{why}, and the swings fall to 1/{number(decay.ratio, 2)}")
 
 
 def _decay(time: Array, response: Array) -> _Decay:
@@ -148,7 +148,7 @@ def _fall(logs: Array) -> float:
     return max(0.0, -float(np.corrcoef(np.arange(logs.size), logs)[0, 1])) ** 2
 
 
-def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
+def _of_noise(time: Array, response: Array, drive: Array) -> JudgedKind:
     """Return what a drive is that may be noise on purpose, or only that of a sensor.
 
     A response that dies soon coheres with anything in the few segments in which it lives, so the lines that cohere are
@@ -161,11 +161,11 @@ def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
 
     by_chance = max(coherent(drive[::-1]), coherent(np.roll(drive, time.size // 3)))
     if coherent(drive) > 3 * (by_chance + 1):
-        return FoundKind("broadband", "the drive is noise, and the response coheres with it")
+        return JudgedKind("broadband", "the drive is noise, and the response coheres with it")
     return _of_response(time, response, "the drive does not move beyond its noise")
 
 
-def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
+def _impact(time: Array, response: Array, drive: Array) -> JudgedKind | None:
     """Return an impact where the drive rests but for short pulses to one side, else None."""
     blows, (force, _) = find_blows(drive), struck_force(drive)
     if not blows or sum(blow.width for blow in blows) > _STRUCK * drive.size:
@@ -184,14 +184,14 @@ def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
     if widest > period:
         return None
     hits = "one hit" if len(blows) == 1 else f"{len(blows)} hits"
-    return FoundKind(
+    return JudgedKind(
         "impact",
         f"the drive rests but for {hits} of at most {number(1000 * widest, 2)} ms, and the response swings on with a "
         f"period of {number(period, 2, 's')}",
     )
 
 
-def _of_motion(time: Array, response: Array, drive: Array, noise: float) -> FoundKind:
+def _of_motion(time: Array, response: Array, drive: Array, noise: float) -> JudgedKind:
     """Return what a drive makes of a record that goes on for a while."""
     rest = float(np.median(drive[-max(3, drive.size // 20) :]))
     away = np.abs(drive - rest)
@@ -209,7 +209,7 @@ def _of_motion(time: Array, response: Array, drive: Array, noise: float) -> Foun
     if tail is not None and not (several and held >= _HELD):
         stops = f"the drive rests from {number(float(time[last]), unit='s')} on, and the swings fall to "
         if not broad or held >= _HELD:
-            return FoundKind("ring-down", f"{stops}1/{number(tail.ratio, 2)}")
+            return JudgedKind("ring-down", f"{stops}1/{number(tail.ratio, 2)}")
         if time[-1] - time[last] > 0.5 * (time[last] - time[first]):
             raise _unclear(
                 f"{stops}1/{number(tail.ratio, 2)}, but before that it holds many frequencies", "ring-down", "broadband"
@@ -217,9 +217,9 @@ def _of_motion(time: Array, response: Array, drive: Array, noise: float) -> Foun
     if held >= _HELD:
         count = f"{len(groups)} stretches from {number(min(hertz))} to {number(max(hertz), unit='Hz')}"
         one = f"one frequency, {number(hertz[0], unit='Hz')}"
-        return FoundKind("sweep", f"the drive holds {count if several else one}, {100 * held:.0f} % of its time")
+        return JudgedKind("sweep", f"the drive holds {count if several else one}, {100 * held:.0f} % of its time")
     if held <= _NOT_HELD and broad:
-        return FoundKind(
+        return JudgedKind(
             "broadband",
             f"the drive's power spreads from {number(low, 3)} to {number(high, 3, 'Hz')}, {_manner(t, u)}",
         )

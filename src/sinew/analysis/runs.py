@@ -203,15 +203,15 @@ class RunIndex:
     def table(self) -> pd.DataFrame:
         """Return a row for each run and pretension, the newest run first; one row of NaN for a run that found nothing.
 
-        `run`, `text` that words are searched in, `place` in what the run found, `pretension_mm`, and each quantity.
+        `run`, `text` that words are searched in, `index` in what the run found, `pretension_mm`, and each quantity.
         """
         lines = []
         for _, row in self._rows.values():
             about = {"run": row["name"], "started": row.get("started") or ""}
             about["text"] = "\n".join(str(row.get(one) or "") for one in _TEXTS).casefold()
-            for place, one in enumerate(row["found"] or [{}]):
+            for index, one in enumerate(row["found"] or [{}]):
                 values = {name: estimate["value"] for name, estimate in one.items() if name in QUANTITIES}
-                lines.append(about | {"place": place, "pretension_mm": one.get("pretension_mm")} | values)
+                lines.append(about | {"place": index, "pretension_mm": one.get("pretension_mm")} | values)
         frame = pd.DataFrame(lines, columns=["run", "started", "text", "place", "pretension_mm", *QUANTITIES])
         frame = frame.astype(dict.fromkeys(("pretension_mm", *QUANTITIES), float))
         return frame.sort_values(["run", "place"]).sort_values("started", ascending=False, kind="stable")
@@ -231,7 +231,7 @@ class RunIndex:
         found = []
         for name, places in list(frame.groupby("run", sort=False)["place"]):
             row = self._rows[str(name)][1]
-            found.append(row | {"found": [row["found"][place] for place in places if place < len(row["found"])]})
+            found.append(row | {"found": [row["found"][index] for index in places if index < len(row["found"])]})
         return found
 
 

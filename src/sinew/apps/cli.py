@@ -118,7 +118,7 @@ class _Commands(Mapping[str, TyperCommand]):
     """The commands by name, each made, and its module loaded, when it is asked for: a call needs one of them."""
 
     def __init__(self) -> None:
-        self.places = {place.rpartition(":")[2].rstrip("_"): place for place in COMMANDS}
+        self.places = {location.rpartition(":")[2].rstrip("_"): location for location in COMMANDS}
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.places)

@@ -52,27 +52,27 @@ def _json_text(document: Any) -> str:
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
     """Print a table on stdout; the first column is text, the others are right-aligned."""
-    print_told([Table(columns, rows, title)])
+    print_lines([Table(columns, rows, title)])
 
 
-def print_told(told: Iterable[Table | str]) -> None:
+def print_lines(lines: Iterable[Table | str]) -> None:
     """Print tables and sentences on stdout."""
     from rich.console import Console  # no --help needs it
 
     console = Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
-    for one in told:
+    for one in lines:
         if isinstance(one, Table):
             one.put_on(console)
         else:
             print(one)
 
 
-def print_result(document: object, told: Iterable[Table | str], written: str = "", *, json: bool) -> None:
+def print_result(document: object, lines: Iterable[Table | str], written: str = "", *, json: bool) -> None:
     """Print a result on stdout: its document alone, or what it tells and what was written."""
     if json:
         print_json(document)
     else:
-        print_told([*told, written] if written else told)
+        print_lines([*lines, written] if written else lines)
 
 
 def remark(sentence: str) -> None:
@@ -100,7 +100,7 @@ def require_folder(folder: Path) -> Path:
 
     Raises FileError before long work starts, where the folder, or the nearest one above it, takes no file.
     """
-    nearest = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    nearest = next(ancestor for ancestor in (folder.absolute(), *folder.absolute().parents) if ancestor.exists())
     try:
         with tempfile.TemporaryFile(dir=nearest):
             pass
@@ -289,11 +289,11 @@ def with_force(command: Callable[..., Any]) -> Callable[..., Any]:
         finally:
             _may_replace.reset(before)
 
-    asked = Annotated[bool, flag("--force", "Replace files that this command did not write.")]
+    force_option = Annotated[bool, flag("--force", "Replace files that this command did not write.")]
     own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
-    option = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=asked)
+    option = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=force_option)
     forced.__signature__ = given.replace(parameters=[*own[:-1], option, own[-1]])  # type: ignore[attr-defined]
-    forced.__annotations__ = command.__annotations__ | {"force": asked}
+    forced.__annotations__ = command.__annotations__ | {"force": force_option}
     return forced
 
 

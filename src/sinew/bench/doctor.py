@@ -13,7 +13,7 @@ from sinew.bench.loop import MISSED_MOST
 from sinew.bench.tilt import frame_from, opposite
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, may_be_widened, read_counts, unfit_settings
-from sinew.hardware.imu import ImuReading, NodeTold
+from sinew.hardware.imu import ImuReading, NodeReport
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
 from sinew.hardware.ports import WANTED_MS, LatencyTimer
 from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
@@ -205,8 +205,8 @@ def examine_motors(rig: Rig, roll: Roll) -> list[Finding]:
     for sensor in rig.sensors:
         if sensor.name in roll.present:
             reply = sensor.ask()
-            told = f"id {sensor.id}, {sensor.row.name} {sensor.value(reply):.4g} {sensor.row.unit}"
-            findings.append(Finding("ok" if reply.ok else "fault", sensor.name, told if reply.ok else str(reply)))
+            sentence = f"id {sensor.id}, {sensor.row.name} {sensor.value(reply):.4g} {sensor.row.unit}"
+            findings.append(Finding("ok" if reply.ok else "fault", sensor.name, sentence if reply.ok else str(reply)))
     return findings
 
 
@@ -466,25 +466,26 @@ def judge_imu(samples: Sequence[ImuReading], axes: tuple[str, ...], *, is_whole:
 
 def examine_chip(rig: Rig) -> list[Finding]:
     """Return what is to be said about the sensor's chip and its filter, as its node tells them. Raises PortError."""
-    return [judge_chip(rig.imu.told(), rig.spec.imu)]
+    return [judge_chip(rig.imu.node_report(), rig.spec.imu)]
 
 
-def judge_chip(told: NodeTold | None, imu: Imu) -> Finding:
+def judge_chip(report: NodeReport | None, imu: Imu) -> Finding:
     """Return what is to be said about a chip; a delay that was measured at the bench is believed more than its chip's.
 
-    told: None of a node that tells nothing. imu: what the rig assumes.
+    report: None of a node that tells nothing. imu: what the rig assumes.
     """
-    if told is None:
+    if report is None:
         found = "its firmware tells neither chip nor lost samples"
         advice = "nothing needs to be done: runs count no lost samples; Sinew's own firmware tells both"
         return Finding("note", "IMU", found, "chip and filter delay", advice)
     assumed, std = imu.filter_delay, imu.delay_std.value
     expected = f"{1e3 * assumed:.2f} ± {1e3 * std:.2g} ms, as the rig has it"
-    found = f"{CHIPS.get(told.chip, 'an unknown chip')} (0x{told.chip:02X}), late by {1e3 * told.filter_delay:.2f} ms"
-    if told.chip not in CHIPS:
+    chip = CHIPS.get(report.chip, "an unknown chip")
+    found = f"{chip} (0x{report.chip:02X}), late by {1e3 * report.filter_delay:.2f} ms"
+    if report.chip not in CHIPS:
         advice = "measure its delay with `sinew doctor --guide FILE --step lever`, by lever steps"
         return Finding("warning", "IMU", found, " or ".join(CHIPS.values()), advice)
-    if abs(told.filter_delay - assumed) <= std:
+    if abs(report.filter_delay - assumed) <= std:
         return Finding("ok", "IMU", found)
     if imu.residual_delay.origin == "measured":
         return Finding("note", "IMU", found, expected, "nothing needs to be done: the rig's was measured at the bench")
@@ -504,10 +505,10 @@ def axis_up(force: Sequence[float] | np.ndarray, axes: tuple[str, ...]) -> str |
 
     force: along the head's axes [m/s²]. axes: of the chip, as the wiring has them.
     """
-    place = int(np.abs(force).argmax())
-    if abs(force[place]) <= math.cos(_LEANS) * float(np.linalg.norm(force)):
+    largest = int(np.abs(force).argmax())
+    if abs(force[largest]) <= math.cos(_LEANS) * float(np.linalg.norm(force)):
         return None
-    return axes[place] if force[place] > 0 else opposite(axes[place])
+    return axes[largest] if force[largest] > 0 else opposite(axes[largest])
 
 
 def examine_gravity(
@@ -571,7 +572,7 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         "that cannot be true": rig.impossible.total(),
         "twice and not the same": counts.rivals,
     }
-    told = ", ".join(f"{count} {what}" for what, count in errors.items() if count)
+    sentence = ", ".join(f"{count} {what}" for what, count in errors.items() if count)
     shown = f"{counts.answers} answers to {counts.transactions} instructions"
     if times is not None and times.incomplete:
         shown += f"; {times.incomplete} of {times.cycles} readings incomplete"
@@ -580,7 +581,7 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         found = f"the adapter returned {counts.echoes} of {counts.transactions} packets that it sent; they are dropped"
         advice = "nothing needs to be done; to be rid of it, switch its receiver off while it sends"
         findings.append(Finding("note", "port", found, "no echo", advice))
-    if not told:
+    if not sentence:
         return [*findings, Finding("ok", "bus", f"{shown}, none lost or damaged")]
     advice = "check plugs, ground and length of the cables; a silent device explains silence"
     if counts.damaged + counts.crc_errors + counts.heard_damaged > counts.silent + counts.rivals:
@@ -589,8 +590,8 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         advice = "two devices answer to one id: unplug one and give it another id"
     if times is not None and times.incomplete > MISSED_MOST * times.cycles:
         expected = f"at most {100 * MISSED_MOST:.0f} % of readings incomplete; a run ends with more"
-        return [*findings, Finding("fault", "bus", f"{shown}: {told}", expected, advice)]
-    return [*findings, Finding("warning", "bus", f"{shown}: {told}", "no errors", advice)]
+        return [*findings, Finding("fault", "bus", f"{shown}: {sentence}", expected, advice)]
+    return [*findings, Finding("warning", "bus", f"{shown}: {sentence}", "no errors", advice)]
 
 
 def examine_present(

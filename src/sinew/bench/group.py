@@ -195,8 +195,8 @@ class Mover:
         self._expect_parts(self._between(self._first.extra_a, self._last.extra_a, share))
 
     def _share(self) -> float:
-        way = self._last.pretension_mm - self._first.pretension_mm
-        return (self.pretension_mm - self._first.pretension_mm) / way if way else 0.0
+        travel = self._last.pretension_mm - self._first.pretension_mm
+        return (self.pretension_mm - self._first.pretension_mm) / travel if travel else 0.0
 
     @staticmethod
     def _between(first: Sequence[float], last: Sequence[float], share: float) -> tuple[float, ...]:
@@ -237,14 +237,14 @@ def run_tracking(
         return max(-largest, min(largest, law.command(time)))
 
     segments.begin("tracking")
-    told, was_locked = -math.inf, False
+    shown_at, was_locked = -math.inf, False
     for index in range(count):
         sample = loop.cycle(command)
         law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])
         if mover is not None:
             mover.move(law.pretension_mm)
-        if index * loop.period - told >= _TELL_S:
-            told = index * loop.period
+        if index * loop.period - shown_at >= _TELL_S:
+            shown_at = index * loop.period
             say(law.tell())
         if index % 10 == 0 and (state := law.tell()).is_locked is not was_locked:
             was_locked = state.is_locked

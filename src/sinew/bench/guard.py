@@ -20,7 +20,7 @@ _ADVICE = {
 }
 """What to do where a device does answer, by why its answers do not count."""
 
-_ASKED_IN_VAIN = 5  # a pause of the computer is no silence of a device
+_UNANSWERED = 5  # a pause of the computer is no silence of a device
 
 _TORSION_MEMORY_S = 2.0  # the gyro's integral forgets; a swing of 1 Hz and more is kept to within 1 %
 _READING_STANDS_S = 0.015  # three cycles
@@ -37,8 +37,8 @@ class Watch:
     """What the guard believes about the present stretch of the run.
 
     origin: horn angles of the tendon motors from which their travel counts [rad].
-    goals: what they were told: angles [rad] or, if `by_current`, currents [A]. limit: output limit of each [A]; empty:
-    none. pose: tilt about y and z of frame B that is asked for [rad], from which limits.tilt_deg counts.
+    goals: what they were set to: angles [rad] or, if `by_current`, currents [A]. limit: output limit of each [A]; none
+    where empty. pose: tilt about y and z of frame B that is asked for [rad], from which limits.tilt_deg counts.
     resting: whether goals have stood still long enough that the motors must have followed.
     share: each tendon's part of the sum of currents when the pretension was set; None before.
     """
@@ -108,7 +108,9 @@ class Guard:
         """Raise if a device is lost; return whether the IMU brought a new sample."""
         present = {f"tendon {i + 1}": motor is not None for i, motor in enumerate(reading.tendons)}
         present["drive"] = reading.drive is not None
-        present |= {name: not math.isnan(told) for name, told in zip(self._sensors, reading.sensors, strict=True)}
+        present |= {
+            name: not math.isnan(read_back) for name, read_back in zip(self._sensors, reading.sensors, strict=True)
+        }
         fresh = reading.imu is not None and reading.imu.counter != self._counter
         self._counter = reading.imu.counter if reading.imu is not None else self._counter
         present["IMU"] = fresh
@@ -120,7 +122,7 @@ class Guard:
             self._vain[name] = self._vain.get(name, 0) + 1
             since = now - self._seen.setdefault(name, now)
             patience = self.imu_patience if name == "IMU" else LOST_AFTER_S
-            if since > patience and self._vain[name] > _ASKED_IN_VAIN:
+            if since > patience and self._vain[name] > _UNANSWERED:
                 gone[name] = since
         if gone:
             self._say_who_is_gone(gone, reading)

@@ -108,8 +108,8 @@ class LeverMove:
     def of(cls, samples: Sequence[Sample]) -> "LeverMove":
         """Return what samples tell; the sensor's, each once."""
         drive = np.array([(s.time_s, s.drive_rad) for s in samples if not math.isnan(s.drive_rad)]).reshape(-1, 2)
-        told = {s.imu_counter_s: (s.imu_time_s, s.gyro_rad_s[0]) for s in samples if not math.isnan(s.imu_time_s)}
-        gyro = np.array(list(told.values())).reshape(-1, 2)
+        response = {s.imu_counter_s: (s.imu_time_s, s.gyro_rad_s[0]) for s in samples if not math.isnan(s.imu_time_s)}
+        gyro = np.array(list(response.values())).reshape(-1, 2)
         return cls(*drive.T, *gyro.T)
 
 

@@ -86,7 +86,7 @@ class Loop:
         self._is_mixed = False
         self.late_s, self.paused = 0.0, False
         self._volts: dict[str, float] = {}
-        self._told: tuple[float, ...] | None = None
+        self._goals_sent: tuple[float, ...] | None = None
         self._due = self._stepped = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
         self._after_hole = False
@@ -120,7 +120,7 @@ class Loop:
 
     def restart(self) -> None:
         """Begin to count deadlines anew, after a stretch without cycles."""
-        self._due, self.paused, self._told = self._clock.now(), False, None
+        self._due, self.paused, self._goals_sent = self._clock.now(), False, None
         self._guard.forget(self._due)
 
     def begin_steps(self) -> None:
@@ -156,7 +156,7 @@ class Loop:
         began = self._wait()
         reading = self._rig.read()
         self.last = reading
-        sample = self._sample(reading, drive, self._told or self.watch.goals)
+        sample = self._sample(reading, drive, self._goals_sent or self.watch.goals)
         statistics = self.statistics
         statistics.cycles += 1
         self._after_hole = bool(reading.faults)
@@ -189,7 +189,7 @@ class Loop:
         if pull is not None:
             goals = tuple([goal + more for goal, more in zip(goals, pull(middle), strict=True)])
         self._rig.write_goals(drive(middle), goals)
-        self._told = goals
+        self._goals_sent = goals
         self.statistics.busy_s += self._clock.now() - began
 
     def run(self, duration: float, drive: Drive | None = None) -> list[Sample]:

@@ -110,11 +110,11 @@ def _answers_damaged(rig: Rig, clock: Clock, motor: Motor) -> bool:
     """
     address, length = motor.table.block(("realtime_tick", "present_temperature"))
     damaged, enough = 0, _ATTEMPTS
-    for asked in range(1, 2 * enough):
+    for attempt in range(1, 2 * enough):
         if rig.bus.read(motor.id, address, length).outcome is Outcome.DAMAGED:
             damaged += 1
             clock.wait_until(clock.now() + _LISTEN_S)
-        if damaged == enough or asked - damaged == enough:
+        if damaged == enough or attempt - damaged == enough:
             break
     return damaged == enough
 

@@ -124,7 +124,7 @@ def level(
     once: tuple[float, float] | None = None
     smooth: tuple[float, float] | None = None
     acted = at_once = start  # the correction behind the same low-passes: what the tilt that is seen answers to
-    way: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
+    travel: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
     most = [_PULLS * newtons + LIMIT_RESERVE_N for newtons in expected_n]
     first: float | None = None
     look, looks = 0, 0  # cycle at which a correction that stands is judged by what it leaves
@@ -148,9 +148,9 @@ def level(
             continue
         if look > 0:  # the correction has stood long enough to tell exactly what it leaves
             made, look = whole(integral), 0
-            place = made[0] + smooth[0], made[1] + smooth[1]
-            if looks < _MOST_LOOKS and whole(place) != made:
-                integral, look, looks = place, k + round(_LOOKS_S / loop.period), looks + 1
+            rounded = made[0] + smooth[0], made[1] + smooth[1]
+            if looks < _MOST_LOOKS and whole(rounded) != made:
+                integral, look, looks = rounded, k + round(_LOOKS_S / loop.period), looks + 1
                 loop.set_goals(goals(integral))
                 continue
             if tilt < accepted:
@@ -158,11 +158,11 @@ def level(
         integral = (integral[0] + gain * smooth[0], integral[1] + gain * smooth[1])
         if count > 0:
             made = whole(integral)
-            way.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
-        if len(way) == way.maxlen and _width([at for at, _ in way]) < _STANDS_COUNTS * count:
-            integral = statistics.fmean(y for _, (y, _) in way), statistics.fmean(z for _, (_, z) in way)
+            travel.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
+        if len(travel) == travel.maxlen and _width([at for at, _ in travel]) < _STANDS_COUNTS * count:
+            integral = statistics.fmean(y for _, (y, _) in travel), statistics.fmean(z for _, (_, z) in travel)
             look = k + round(_LOOKS_S / loop.period)
-            way.clear()
+            travel.clear()
         loop.set_goals(goals(integral))
     if smooth is not None and math.hypot(*smooth) < accepted:
         return Levelling(integral, math.hypot(*smooth), MOST_S)
@@ -201,8 +201,8 @@ def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight
     return seen if old is None else (old[0] + weight * (seen[0] - old[0]), old[1] + weight * (seen[1] - old[1]))
 
 
-def _width(way: Sequence[Tilt]) -> float:
-    widths = [max(at[i] for at in way) - min(at[i] for at in way) for i in (0, 1)]
+def _width(travel: Sequence[Tilt]) -> float:
+    widths = [max(at[i] for at in travel) - min(at[i] for at in travel) for i in (0, 1)]
     return max(widths)
 
 
@@ -565,11 +565,11 @@ def set_pretension(
     pose: tilt of the head plate about y and z of frame B [rad]; on the way there the tilt is limited about its share.
     """
     start, stop, leant = loop.watch.goals, motors.goals(asked_mm, offsets), loop.watch.pose
-    way = 1e-3 * abs(asked_mm - before_mm)
+    travel = 1e-3 * abs(asked_mm - before_mm)
     if not motors.by_current:
-        way = max(way, motors.radius * max(abs(b - a) for a, b in zip(start, stop, strict=True)))
-    way = max(way, motors.guide_radius * math.dist(leant, pose))
-    steps = max(1, round(way / CHANGE_SPEED / loop.period))
+        travel = max(travel, motors.radius * max(abs(b - a) for a, b in zip(start, stop, strict=True)))
+    travel = max(travel, motors.guide_radius * math.dist(leant, pose))
+    steps = max(1, round(travel / CHANGE_SPEED / loop.period))
     for k in range(1, steps + 1):
         share = k / steps
         leaning = (leant[0] + share * (pose[0] - leant[0]), leant[1] + share * (pose[1] - leant[1]))

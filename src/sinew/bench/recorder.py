@@ -57,7 +57,7 @@ class Health:
     def __init__(self, loop: Loop, bus: Bus, progress: Progress) -> None:
         self._loop, self._bus, self._progress = loop, bus, progress
         self._celsius: dict[str, float] = {}
-        self._told = -math.inf
+        self._written_at = -math.inf
 
     def take(self, now: float, supply_v: float) -> events.Health | None:
         """Take what the newest cycle told, at a time [s]; return how the run fares when that is due, else None."""
@@ -65,9 +65,9 @@ class Health:
         if reading is not None and reading.climate is not None:
             self._celsius[reading.climate.name] = reading.climate.temperature
         self._progress.newest_s = now
-        if not now - self._told >= HEALTH_S:
+        if not now - self._written_at >= HEALTH_S:
             return None
-        self._told = now
+        self._written_at = now
         cycles, progress = self._loop.statistics, self._progress
         return events.Health(
             state=progress.state,

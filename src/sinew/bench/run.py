@@ -184,17 +184,17 @@ class Runner:
         halt = self.steering.halt
         state = (halt.state if halt is not None else None) or self._rig.spec.limits.safe_state
         state = state if self._power.is_under_torque else "release"
-        asked = self.steering.emergency_asked
-        report = stop(self._rig, self._clock, state, self._note_frozen, emergency_asked=asked)
+        requested = self.steering.emergency_requested
+        report = stop(self._rig, self._clock, state, self._note_frozen, emergency_requested=requested)
         self.steering.note_over(report)
         return report
 
     def _leave_in(self, state: SafeState) -> StopReport:
         """Bring the rig to a safe state while the run goes on, and return how it was left."""
-        asked = self.steering.emergency_asked
+        requested = self.steering.emergency_requested
         return stop(
-            self._rig, self._clock, state, lambda first: self._note_frozen(first) if asked() else None,
-            emergency_asked=asked,
+            self._rig, self._clock, state, lambda first: self._note_frozen(first) if requested() else None,
+            emergency_requested=requested,
         )  # fmt: skip
 
     def _note_frozen(self, first: StopReport) -> None:
@@ -202,7 +202,7 @@ class Runner:
         self.steering.note_frozen(first)
         halt = self.steering.halt
         if halt is not None and len(first.frozen) == len(self._rig.motors):
-            self.report.halted_s = now - halt.asked_s
+            self.report.halted_s = now - halt.requested_s
             if halt.is_emergency:
                 self._recorder.say(events.Frozen.of(after_ms=1e3 * self.report.halted_s))
 
@@ -263,7 +263,7 @@ class Runner:
         for index, group in enumerate(self._groups):
             if index in done:
                 continue
-            self._rest_if_asked(group)
+            self._rest_if_requested(group)
             if group.pretension_mm != current:
                 self.at.state = "setting pretension"
                 self._power.bound_for_change(self._loop, at_mm, group.pretension_mm, CHANGE_SPEED)
@@ -279,14 +279,14 @@ class Runner:
             self.report.groups_done += 1
         pause(self._loop)  # a lever that loses its torque in mid-swing would go on swinging
 
-    def _rest_if_asked(self, group: Group) -> None:
+    def _rest_if_requested(self, group: Group) -> None:
         """Cycle with the lever at zero and the tension held for as long as a pause is asked for; `group` comes next."""
-        if not self.steering.pause_asked:
+        if not self.steering.pause_requested:
             return
         self.at.state = "paused"
         self._recorder.say(events.Paused.of(group=_named(group)))
         self._journal.begin_segment(None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause")
-        while self.steering.pause_asked:
+        while self.steering.pause_requested:
             self._loop.cycle()
             self._recorder.kept.clear()
         self._journal.end_segment("complete")
@@ -325,9 +325,9 @@ class Runner:
         """Set a pretension [mm] and return its levelling correction, and it; where the plan moves the pretension, the
         other end of its way is visited first, and levelled."""
         track, tendons = self._plan.track, len(self._rig.tendons)
-        asked = [mm] if track is None or track.pretension_to_mm is None else [track.pretension_to_mm, mm]
+        requested = [mm] if track is None or track.pretension_to_mm is None else [track.pretension_to_mm, mm]
         levelled = []
-        for stop_mm in asked:
+        for stop_mm in requested:
             result = set_pretension(self._loop, motors, stop_mm, before, offsets, self._plan.rest_pose.swing_rad)
             offsets, before = result.offsets, stop_mm
             share = self._loop.watch.share or (1 / tendons,) * tendons
@@ -338,7 +338,7 @@ class Runner:
                 result = replace(result, limit_a=statistics.fmean(self._loop.watch.limit))
             self.report.pretensions.append(result)
             self._recorder.say(result)
-        self._power.bound_for_groups(*asked)
+        self._power.bound_for_groups(*requested)
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
         return offsets, before
 
@@ -385,10 +385,10 @@ class Runner:
 def _lost_samples(rig: Rig) -> int | None:
     """Return how many samples the sensor's board says to have lost since its start; None where it cannot."""
     try:
-        told = rig.imu.told()
+        node_report = rig.imu.node_report()
     except HardwareError:
         return None
-    return None if told is None else told.lost_samples
+    return None if node_report is None else node_report.lost_samples
 
 
 def _named(group: Group) -> str:

@@ -58,7 +58,7 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
     goal. Raises PortError.
     """
     start = clock.now()
-    frozen, told, before, then = Frozen(), dict[str, Counts](), dict[str, Counts](), start
+    frozen, orders, before, then = Frozen(), dict[str, Counts](), dict[str, Counts](), start
     pending: Sequence[Motor] = rig.motors
     while pending and (now := clock.now()) - start < FREEZE_MOST_S:
         found = rig.ask_at_once(pending, STATE)
@@ -72,7 +72,7 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
         there = {
             motor.name
             for motor in pending
-            if motor.name in found and _stays(found[motor.name], told.get(motor.name), motor.name in sure)
+            if motor.name in found and _stays(found[motor.name], orders.get(motor.name), motor.name in sure)
         }
         if there:
             frozen.names |= there
@@ -82,8 +82,8 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
             # On the line it keeps those behind it from answering, so it is asked last from now on.
             pending = [*(motor for motor in pending if motor is not silent[0]), *silent]
         fresh = [(motor, found[motor.name]) for motor in pending if motor.name in sure]
-        told |= {motor.name: _acceptable(counts | _standing(rig, motor, counts)) for motor, counts in fresh}
-        _tell(rig, [motor for motor in pending if motor.name in told], told)
+        orders |= {motor.name: _acceptable(counts | _standing(rig, motor, counts)) for motor, counts in fresh}
+        _tell(rig, [motor for motor in pending if motor.name in orders], orders)
         before, then = found, now
     return frozen
 
@@ -99,17 +99,17 @@ def freeze_alone(rig: Rig, motor: Motor) -> None:
         raise DeviceError(f"{motor.name} has {found[name]} in {name}, expected the {goals[name]} just written")
 
 
-def _stays(found: Counts, told: Counts | None, is_sure: bool) -> bool:
+def _stays(found: Counts, orders: Counts | None, is_sure: bool) -> bool:
     """Return whether a motor stays where it is: it has no torque or its watchdog has stopped it, if that is sure, or it
     has the goals that it was told."""
     if not found["torque_enable"] or found["bus_watchdog"] == WATCHDOG_TRIPPED:
         return is_sure
-    return told is not None and all(found[name] == told[name] for name in GOALS)
+    return orders is not None and all(found[name] == orders[name] for name in GOALS)
 
 
-def _tell(rig: Rig, motors: Sequence[Motor], told: Mapping[str, Counts]) -> None:
+def _tell(rig: Rig, motors: Sequence[Motor], orders: Mapping[str, Counts]) -> None:
     if motors:
-        data = {m.id: b"".join(encode_raw(m.table[name], told[m.name][name]) for name in GOALS) for m in motors}
+        data = {m.id: b"".join(encode_raw(m.table[name], orders[m.name][name]) for name in GOALS) for m in motors}
         rig.bus.sync_write(motors[0].table["goal_pwm"].address, data)
 
 
@@ -129,13 +129,15 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
         return _limits(rig, motor, counts) | {"goal_position": goal}
     hold = TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
     limits = _limits(rig, motor, counts)
-    mode, asked = counts["operating_mode"], counts["goal_current"]
+    mode, goal_current = counts["operating_mode"], counts["goal_current"]
     pull = max(0, motor.sign * counts["present_current"])
     if mode == CURRENT_MODE:  # one whose cable is off draws next to nothing, and would run on
-        return limits | {"goal_current": motor.sign * min(max(0, motor.sign * asked), pull, limits["goal_current"])}
+        return limits | {
+            "goal_current": motor.sign * min(max(0, motor.sign * goal_current), pull, limits["goal_current"])
+        }
     by_current = mode == CURRENT_POSITION_MODE
     unit = motor.table["present_current"].scale
-    in_force = min(asked * unit, hold) if by_current else hold
+    in_force = min(goal_current * unit, hold) if by_current else hold
     ahead = motor.sign * (counts["goal_position"] - present)
     give = _give(rig, motor, min(in_force, (_MARGIN * pull + _UNSURE) * unit))
     goals = {"goal_position": present + motor.sign * max(0, min(ahead, give))}
@@ -250,14 +252,14 @@ def stop(
     on_frozen: Callable[[StopReport], None] | None = None,
     *,
     is_emergency: bool = False,
-    emergency_asked: Callable[[], bool] = lambda: False,
+    emergency_requested: Callable[[], bool] = lambda: False,
 ) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
     Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
     when the first stage is over. is_emergency: the motors stand for a while before a release lets the tension down.
-    emergency_asked: looked at while the tension is let down; once it is so, all motors are frozen anew, `on_frozen` is
-    called again, and the motors stand for a while before the tension goes on being let down.
+    emergency_requested: looked at while the tension is let down; once it is so, all motors are frozen anew, `on_frozen`
+    is called again, and the motors stand for a while before the tension goes on being let down.
     """
     start = clock.now()
     report = StopReport(state)
@@ -267,10 +269,10 @@ def stop(
     if state == "hold":
         _hold(report, rig, clock)
     else:
-        stands = is_emergency or emergency_asked()
+        stands = is_emergency or emergency_requested()
         if stands:
             _stand(report, rig, clock)
-        if not _ramp_down(report, rig, clock, (lambda: False) if stands else emergency_asked):
+        if not _ramp_down(report, rig, clock, (lambda: False) if stands else emergency_requested):
             _freeze(report, rig, clock)
             on_frozen(report)
             _stand(report, rig, clock)
@@ -422,20 +424,20 @@ SafeState = Literal["hold", "release"]
 class Halt:
     """Why a run is to end. state: in which to leave the rig, or None for its declared one. is_emergency: at once.
 
-    asked_s: when it was asked for [s, the run's clock].
+    requested_s: when it was asked for [s, the run's clock].
     """
 
     reason: str
     state: SafeState | None
     is_emergency: bool
-    asked_s: float
+    requested_s: float
 
 
 class Steering:
     """What was asked of a run.
 
     now: the run's clock [s]. can_pause: whether it takes a pause; one that tracks a resonance does not.
-    halt: why the run is to end, or None. pause_asked: whether it is to rest after the group under way.
+    halt: why the run is to end, or None. pause_requested: whether it is to rest after the group under way.
     has_begun: whether motors may be under power by this run. stopped: what is known of the stop since its first stage
     was over; None before. is_over: whether the stop is done.
     """
@@ -444,7 +446,7 @@ class Steering:
         self._now = now
         self.can_pause = can_pause
         self.halt: Halt | None = None
-        self.pause_asked = False
+        self.pause_requested = False
         self.has_begun = False
         self.stopped: StopReport | None = None
         self.is_over = False
@@ -452,11 +454,11 @@ class Steering:
 
     def request_pause(self) -> None:
         """Have the run rest after the group under way. One that cannot pause goes on."""
-        self.pause_asked = self.can_pause
+        self.pause_requested = self.can_pause
 
     def request_resume(self) -> None:
         """Have a run that rests, or is to rest, go on."""
-        self.pause_asked = False
+        self.pause_requested = False
 
     def request_stop(self, reason: str, state: SafeState | None = None) -> None:
         """End the run at the next cycle; the first request counts. state: to leave the rig in; None: as declared."""
@@ -465,12 +467,12 @@ class Steering:
 
     def request_emergency(self, reason: str) -> None:
         """End the run at once: before the next step of whatever it is at, letting the tension down among it."""
-        if not self.emergency_asked():
+        if not self.emergency_requested():
             if self.stopped is not None and self.stopped.declared == "release" and not self.is_over:
                 self._frozen = threading.Event()  # the motors stood, and move again; before the request, or it is lost
             self.halt = Halt(reason, None, True, self._now())
 
-    def emergency_asked(self) -> bool:
+    def emergency_requested(self) -> bool:
         """Return whether the run is to end at once."""
         return self.halt is not None and self.halt.is_emergency
 

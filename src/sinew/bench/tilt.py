@@ -31,14 +31,14 @@ def tilt_of(x: float, y: float, z: float) -> tuple[float, float]:
     return per * z, -per * y
 
 
-def lean_from(tilt: tuple[float, float], torsion: float, asked: tuple[float, float]) -> float:
+def lean_from(tilt: tuple[float, float], torsion: float, target: tuple[float, float]) -> float:
     """Return the angle [rad] between the head's axis and the one that was asked for.
 
-    tilt: about y and z of frame H [rad], which has turned by a torsion [rad]. asked: about y and z of frame B [rad].
+    tilt: about y and z of frame H [rad], which has turned by a torsion [rad]. target: about y and z of frame B [rad].
     """
     c, s = math.cos(torsion), math.sin(torsion)
     in_base = (c * tilt[0] - s * tilt[1], s * tilt[0] + c * tilt[1])
-    (x, y, z), (u, v, w) = _axis(in_base), _axis(asked)
+    (x, y, z), (u, v, w) = _axis(in_base), _axis(target)
     across = (y * w - z * v, z * u - x * w, x * v - y * u)
     return math.atan2(math.hypot(*across), x * u + y * v + z * w)
 
@@ -61,8 +61,8 @@ def opposite(axis: str) -> str:
 def frame_from(up: str) -> tuple[str, str, str]:
     """Return a right-handed frame of signed axes that begins with this one."""
     letters = "xyz"
-    place = letters.index(up[1])
-    return up, "+" + letters[(place + 1) % 3], up[0] + letters[(place + 2) % 3]
+    letter = letters.index(up[1])
+    return up, "+" + letters[(letter + 1) % 3], up[0] + letters[(letter + 2) % 3]
 
 
 def turned_frame(axes: Sequence[str], turns: int) -> tuple[str, str, str]:

@@ -61,12 +61,12 @@ class ControlTable:
 
     def reset(self, keep: Sequence[str] = (), start: int = 0) -> None:
         """Put the registers from an address on to what they are when they come from the factory, but those in keep."""
-        kept = {name: self[name] for name in keep}
+        retained = {name: self[name] for name in keep}
         self.memory[start:] = bytes(len(self.memory) - start)
         for row in self.rows:
             if row.address >= start and row.initial is not None:
                 self[row.name] = row.initial
-        for name, count in kept.items():
+        for name, count in retained.items():
             self[name] = count
 
     def restart(self) -> None:
@@ -440,5 +440,5 @@ class SensorBoard(Device):
 
     def refresh(self, address: int, length: int, now: float) -> None:
         spec = self._spec
-        told = spec.told(np.asarray(self._plant.motion().tension), self._rng)
-        self.registers[spec.channel] = round(float(told) / spec.lsb)
+        reading = spec.reading(np.asarray(self._plant.motion().tension), self._rng)
+        self.registers[spec.channel] = round(float(reading) / spec.lsb)

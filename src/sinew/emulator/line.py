@@ -239,10 +239,10 @@ class Line:
             if group.broken:
                 speakers = [device for device in speakers if device.is_node and not group.fast]
             if speakers:
-                for place, device in enumerate(speakers):
+                for index, device in enumerate(speakers):
                     wait = 0.0 if group.fast and group.next else device.return_delay
                     # Of two devices with one id, the first to be named leads on to the next.
-                    self._plan(now + wait, partial(self._take, group, device, read, place == 0))
+                    self._plan(now + wait, partial(self._take, group, device, read, index == 0))
                 return
             if group.fast:
                 return  # the packet ends where a device does not go on with it

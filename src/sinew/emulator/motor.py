@@ -86,18 +86,18 @@ class Profile:
         """Move on by a time [s]."""
         if not self.is_running:
             return
-        way = self.goal - self.position
+        distance = self.goal - self.position
         if self.acceleration <= 0:
-            self.speed = math.copysign(self.top_speed, way)
-            done = abs(way) <= self.top_speed * dt
+            self.speed = math.copysign(self.top_speed, distance)
+            done = abs(distance) <= self.top_speed * dt
         else:
             a = self.acceleration
             # Largest speed from which it still stops at the goal, in whole steps.
-            brake = a * (math.sqrt(dt * dt / 4 + 2 * abs(way) / a) - dt / 2)
-            wanted = math.copysign(min(self.top_speed, brake), way)
+            brake = a * (math.sqrt(dt * dt / 4 + 2 * abs(distance) / a) - dt / 2)
+            wanted = math.copysign(min(self.top_speed, brake), distance)
             change = max(-a * dt, min(a * dt, wanted - self.speed))
             self.speed += change
-            done = abs(way) <= a * dt * dt and abs(self.speed) <= 2 * a * dt
+            done = abs(distance) <= a * dt * dt and abs(self.speed) <= 2 * a * dt
         if done:
             self.jump(self.goal)
         else:
@@ -605,12 +605,12 @@ class Motor(Device):
             return DATA_RANGE
         if self.torque or (params == _RESTORE and self._backup is None):
             return RESULT_FAIL
-        kept = self.registers.memory
+        stored = self.registers.memory
         stop = self.registers.rows.eeprom_stop
         if params == _STORE:
-            self._backup = bytes(kept[:stop])
+            self._backup = bytes(stored[:stop])
             self.registers["backup_ready"] = 1
         elif self._backup is not None:
-            kept[:stop] = self._backup
+            stored[:stop] = self._backup
             self.restart(now)
         return 0

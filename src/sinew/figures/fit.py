@@ -55,10 +55,10 @@ def axis_label(quantity: str, unit: str) -> str:
 
 def parameter_label(name: str) -> tuple[str, str]:
     """Return words and unit of a parameter from its name: "stiffness_n_m_per_rad" gives ("stiffness", "N m/rad")."""
-    stem, bracket, place = name.partition("[")
+    stem, bracket, bracketed = name.partition("[")
     words, *parts = named_unit(stem)
     top, bottom = ([f"{symbol}{_POWERS[power]}" for symbol, power in part] for part in parts)
-    said = _WORDS.get(words[0], " ".join(words)) + (f" {place[:-1]}" if bracket else "")
+    said = _WORDS.get(words[0], " ".join(words)) + (f" {bracketed[:-1]}" if bracket else "")
     if not bottom:
         return said, " ".join(top)
     under = f"({' '.join(bottom)})" if len(bottom) > 1 else bottom[0]
@@ -97,8 +97,8 @@ def traces_of(fit: Fit, split: Split | None = None, held_out: HeldOut | None = N
     """
     many = len(fit.records) > 1
     found = [
-        Trace(record.time_s, record.output, fitted, ~kept, record.output_unit, _title(record) if many else "")
-        for record, fitted, kept in zip(fit.records, fit.predicted, fit.kept, strict=True)
+        Trace(record.time_s, record.output, fitted, ~selected, record.output_unit, _title(record) if many else "")
+        for record, fitted, selected in zip(fit.records, fit.predicted, fit.selected, strict=True)
     ]
     if split is None or held_out is None:
         return found
@@ -124,10 +124,10 @@ def traces_of_joint(joint: JointFit) -> list[Trace]:
     """Return the segments of a fit of the tendon joint, without the samples at their ends that were not fitted."""
     found = []
     for one in joint.segments:
-        kept, hertz = one.kept, one.swing.frequency_hz
+        selected, hertz = one.selected, one.swing.frequency_hz
         title = f"{one.swing.pretension_mm:g} mm" + (f", {hertz:.3g} Hz" if np.isfinite(hertz) else "")
-        held = np.zeros(int(kept.sum()), dtype=bool)
-        found.append(Trace(one.time_s[kept], one.measured[kept], one.predicted[kept], held, "rad/s", title))
+        held = np.zeros(int(selected.sum()), dtype=bool)
+        found.append(Trace(one.time_s[selected], one.measured[selected], one.predicted[selected], held, "rad/s", title))
     return found
 
 

@@ -304,11 +304,11 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
     axes = figure.subplots()
     shown = found[:_MOST_LINES]
     colours: Any = pretension_colours([one.pretension_mm for one in shown]) if shown else []
-    for place, (one, colour) in enumerate(zip(shown, colours, strict=True)):
+    for index, (one, colour) in enumerate(zip(shown, colours, strict=True)):
         dates: Any = np.array([datetime.fromisoformat(point.started) for point in one.points])
         values, low, high = np.array([(at.value.value, at.value.low, at.value.high) for at in one.points]).T
         ends = np.array([values - low, high - values])
-        marker = MARKERS[place % len(MARKERS)]
+        marker = MARKERS[index % len(MARKERS)]
         axes.errorbar(
             dates, values, np.nan_to_num(ends), fmt=marker, ms=3, lw=0.6, color=colour, alpha=0.7, label=one.title
         )

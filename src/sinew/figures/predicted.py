@@ -64,8 +64,8 @@ class Curves:
 
 def curves_of(found: Predicted) -> Curves:
     """Return the curves of a rig's prediction."""
-    asked = found.asked
-    return Curves(found.rig, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
+    request = found.request
+    return Curves(found.rig, tuple(request.pretensions), found.prediction.branches, request.amplitude_deg)
 
 
 def in_order(curves: Curves) -> Curves:
@@ -447,7 +447,7 @@ def write_prediction(folder: Path, stem: str, found: Predicted | Compared | Forc
     else:
         rigs = found.rigs if isinstance(found, Compared) else [found]
         title = "Rigs compared" if isinstance(found, Compared) else f"Predicted response of “{found.rig}”"
-        about = f"Steady response to a lever that is commanded to swing by {rigs[0].asked.amplitude_deg:g}°."
+        about = f"Steady response to a lever that is commanded to swing by {rigs[0].request.amplitude_deg:g}°."
         broken = sum(not check.holds for rig in rigs for check in rig.validity)
         verb = "does" if broken == 1 else "do"
         lead = (

@@ -203,8 +203,10 @@ def draw_map(axes: Axes, x: Array, y: Array, gain: Array, ridge: Sequence[Array]
     levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
     if levels:
         lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
-        told = [level for level in levels if level <= 0.45 * top]  # the others are too close for a number between them
-        for text in axes.clabel(lines, levels=told, fmt="%g", fontsize=8):
+        sentences = [
+            level for level in levels if level <= 0.45 * top
+        ]  # the others are too close for a number between them
+        for text in axes.clabel(lines, levels=sentences, fmt="%g", fontsize=8):
             text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
     halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
     axes.plot(*ridge[:2], color=RED, linewidth=1.6, path_effects=halo, zorder=4)
@@ -360,8 +362,8 @@ def _draw_sweep(axes: Axes, recording: xr.Dataset, sweep: list[Group]) -> None:
     axes.set(xlabel="time in the sweep in s", ylabel="drive θ in degrees", ylim=(-1.2 * nominal, 1.45 * nominal))
     axes.margins(x=0.01)
     axes.set_yticks([-nominal, 0, nominal])
-    place = at_pretension(recording, sweep[0].segment.pretension_mm)
-    note_panel(axes, "a", f"outline of a sweep{place}: settling (grey), recorded (colour), frequency in Hz")
+    suffix = at_pretension(recording, sweep[0].segment.pretension_mm)
+    note_panel(axes, "a", f"outline of a sweep{suffix}: settling (grey), recorded (colour), frequency in Hz")
 
 
 def _outline(time_s: Array, values: Array, frequency_hz: float) -> tuple[Array, Array, Array]:

@@ -237,7 +237,7 @@ class Decoder:
         return bytes(self._buffer)
 
     def reset(self) -> None:
-        """Forget the bytes kept: what comes now has nothing to do with them."""
+        """Forget the bytes retained: what comes now has nothing to do with them."""
         self._drop(len(self._buffer))
 
     def feed(self, data: bytes) -> list[Packet]:
@@ -270,9 +270,9 @@ class Decoder:
     def _beginning(self) -> int:
         """Return where a header begins that the end of the buffer cuts off; the end where there is none."""
         size = len(self._buffer)
-        for kept in range(min(3, size), 0, -1):
-            if self._buffer.endswith(HEADER[:kept]):
-                return size - kept
+        for retained in range(min(3, size), 0, -1):
+            if self._buffer.endswith(HEADER[:retained]):
+                return size - retained
         return size
 
     def _look(self, at: int, *, counting: bool) -> _Found | str:

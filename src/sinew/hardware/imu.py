@@ -128,11 +128,11 @@ _MICROSECOND = 1e-6
 _WRAP = 1 << 32
 
 Vector = tuple[float, float, float]
-_TOLD = lay_out(OPENCR_NODE, ("lost_samples", "who_am_i", "filter_delay"))
+_NODE_REPORT = lay_out(OPENCR_NODE, ("lost_samples", "who_am_i", "filter_delay"))
 
 
 @dataclass(frozen=True, slots=True)
-class NodeTold:
+class NodeReport:
     """What the node tells of itself, asked outside of cycles.
 
     lost_samples: those that the chip made and the board did not read, since its start. chip: its WHO_AM_I.
@@ -179,7 +179,7 @@ class Imu:
         turned = [("xyz".index(axis[1]), -1 if axis[0] == "-" else 1) for axis in axes]
         # Where in the unpacked block each of the six values along the head's axes stands, and what a count of it means.
         (gx, gy, gz), (ax, ay, az) = (
-            [(start + place, sign * scale) for place, sign in turned] for start, scale in ((0, gyro), (3, force))
+            [(start + byte, sign * scale) for byte, sign in turned] for start, scale in ((0, gyro), (3, force))
         )
         self._places = (gx, gy, gz, ax, ay, az)
 
@@ -191,14 +191,14 @@ class Imu:
         """Return whether the node says of itself that it is emulated. Raises DeviceError if nobody answers."""
         return self.identify().firmware == EMULATED_FIRMWARE
 
-    def told(self) -> NodeTold | None:
+    def node_report(self) -> NodeReport | None:
         """Return what the node tells of its chip and of samples that it lost; None of one whose firmware has no such
         registers, or does not answer. Raises PortError."""
-        reply = self.bus.read(self.id, _TOLD.address, _TOLD.length, retries=RETRIES)
+        reply = self.bus.read(self.id, _NODE_REPORT.address, _NODE_REPORT.length, retries=RETRIES)
         if not reply.ok:
             return None
-        lost, chip, delay = _TOLD.unpack.unpack(reply.data)
-        return NodeTold(lost, chip, delay * _MICROSECOND) if chip else None
+        lost, chip, delay = _NODE_REPORT.unpack.unpack(reply.data)
+        return NodeReport(lost, chip, delay * _MICROSECOND) if chip else None
 
     def read(self) -> ImuReading:
         """Return the newest sample, asked for alone. Raises DeviceError if there is no fresh answer."""
@@ -250,11 +250,11 @@ class Imu:
         values = self._unpack(reply.data)
         if reply.rivals and not math.isnan(answered):
             every = map(self._unpack, (reply.data, *reply.rivals))
-            told = [one for one in every if self.track.could_be(one[7], answered)]
-            if len(told) > 1:
+            node_report = [one for one in every if self.track.could_be(one[7], answered)]
+            if len(node_report) > 1:
                 self.objection = "two answers come under its id, and differ"
                 return None
-            values = (told or [values])[0]
+            values = (node_report or [values])[0]
         counter, clock = values[6], values[7]
         if math.isnan(answered):
             answered = self.track.host_time(clock)

@@ -96,7 +96,7 @@ def _others(path: str) -> str:
 
 def _found(devices: Path = Path("/dev")) -> str:
     """Return the names of the serial adapters that are plugged in; those of macOS that wait for no carrier."""
-    names = [str(place) for form in ("ttyUSB*", "ttyACM*", "cu.usb*") for place in sorted(devices.glob(form))]
+    names = [str(node) for form in ("ttyUSB*", "ttyACM*", "cu.usb*") for node in sorted(devices.glob(form))]
     return ", ".join(names)
 
 

@@ -198,7 +198,7 @@ WATCHDOG_TRIPPED = -1
 _DUTY = 0.113e-2  # of the supply voltage
 
 
-def _kept(name: str, address: int, size: int, low: int, high: int, initial: int, **more: object) -> Register:
+def _stored(name: str, address: int, size: int, low: int, high: int, initial: int, **more: object) -> Register:
     return Register(name, address, size, writable=True, low=low, high=high, initial=initial, **more)  # type: ignore[arg-type]
 
 
@@ -206,45 +206,45 @@ _EEPROM = (
     Register("model_number", 0, 2),
     Register("model_information", 2, 4),
     Register("firmware_version", 6, 1),
-    _kept("id", 7, 1, 0, 252, 1),
-    _kept("baud_rate", 8, 1, 0, 7, 1),
-    _kept("return_delay_time", 9, 1, 0, 254, 250, unit="s", scale=RETURN_DELAY_LSB),
-    _kept("drive_mode", 10, 1, 0, 13, 0),
-    _kept("operating_mode", 11, 1, 0, 16, 3),
-    _kept("shadow_id", 12, 1, 0, 255, 255),  # above 252: none
-    _kept("protocol_type", 13, 1, 1, 2, 2),
-    _kept("homing_offset", 20, 4, -1_044_479, 1_044_479, 0, signed=True, unit="rad", scale=PULSE),
-    _kept("moving_threshold", 24, 4, 0, 1023, 10, unit="rad/s", scale=SPEED_LSB),
-    _kept("temperature_limit", 31, 1, 0, 100, 80, unit="degC"),
-    _kept("max_voltage_limit", 32, 2, 95, 160, 160, unit="V", scale=VOLTAGE_LSB),
-    _kept("min_voltage_limit", 34, 2, 95, 160, 95, unit="V", scale=VOLTAGE_LSB),
-    _kept("pwm_limit", 36, 2, 0, FULL_DUTY_COUNTS, FULL_DUTY_COUNTS, scale=_DUTY),
-    _kept("current_limit", 38, 2, 0, 648, 648, unit="A"),
-    _kept("velocity_limit", 44, 4, 0, 1023, 130, unit="rad/s", scale=SPEED_LSB),
-    _kept("max_position_limit", 48, 4, 0, COUNTS_PER_TURN - 1, COUNTS_PER_TURN - 1, unit="rad", scale=PULSE),
-    _kept("min_position_limit", 52, 4, 0, COUNTS_PER_TURN - 1, 0, unit="rad", scale=PULSE),
-    _kept("startup_configuration", 60, 1, 0, 3, 0),
-    _kept("shutdown", 63, 1, 0, 61, SHUTDOWN),
+    _stored("id", 7, 1, 0, 252, 1),
+    _stored("baud_rate", 8, 1, 0, 7, 1),
+    _stored("return_delay_time", 9, 1, 0, 254, 250, unit="s", scale=RETURN_DELAY_LSB),
+    _stored("drive_mode", 10, 1, 0, 13, 0),
+    _stored("operating_mode", 11, 1, 0, 16, 3),
+    _stored("shadow_id", 12, 1, 0, 255, 255),  # above 252: none
+    _stored("protocol_type", 13, 1, 1, 2, 2),
+    _stored("homing_offset", 20, 4, -1_044_479, 1_044_479, 0, signed=True, unit="rad", scale=PULSE),
+    _stored("moving_threshold", 24, 4, 0, 1023, 10, unit="rad/s", scale=SPEED_LSB),
+    _stored("temperature_limit", 31, 1, 0, 100, 80, unit="degC"),
+    _stored("max_voltage_limit", 32, 2, 95, 160, 160, unit="V", scale=VOLTAGE_LSB),
+    _stored("min_voltage_limit", 34, 2, 95, 160, 95, unit="V", scale=VOLTAGE_LSB),
+    _stored("pwm_limit", 36, 2, 0, FULL_DUTY_COUNTS, FULL_DUTY_COUNTS, scale=_DUTY),
+    _stored("current_limit", 38, 2, 0, 648, 648, unit="A"),
+    _stored("velocity_limit", 44, 4, 0, 1023, 130, unit="rad/s", scale=SPEED_LSB),
+    _stored("max_position_limit", 48, 4, 0, COUNTS_PER_TURN - 1, COUNTS_PER_TURN - 1, unit="rad", scale=PULSE),
+    _stored("min_position_limit", 52, 4, 0, COUNTS_PER_TURN - 1, 0, unit="rad", scale=PULSE),
+    _stored("startup_configuration", 60, 1, 0, 3, 0),
+    _stored("shutdown", 63, 1, 0, 61, SHUTDOWN),
 )
 _CONTROL = (
-    _kept("torque_enable", 64, 1, 0, 1, 0),
-    _kept("led", 65, 1, 0, 1, 0),
-    _kept("status_return_level", 68, 1, 0, 2, 2),
+    _stored("torque_enable", 64, 1, 0, 1, 0),
+    _stored("led", 65, 1, 0, 1, 0),
+    _stored("status_return_level", 68, 1, 0, 2, 2),
     Register("registered_instruction", 69, 1, initial=0),
     Register("hardware_error_status", 70, 1, initial=0),
-    _kept("velocity_i_gain", 76, 2, 0, 16_383, 1920, scale=1 / 65536),
-    _kept("velocity_p_gain", 78, 2, 0, 16_383, 100, scale=P_GAIN_LSB),
-    _kept("position_d_gain", 80, 2, 0, 16_383, 0, scale=1 / 16),
-    _kept("position_i_gain", 82, 2, 0, 16_383, 0, scale=1 / 65536),
-    _kept("position_p_gain", 84, 2, 0, 16_383, 0, scale=P_GAIN_LSB),
-    _kept("feedforward_2nd_gain", 88, 2, 0, 16_383, 0, scale=1 / 4),
-    _kept("feedforward_1st_gain", 90, 2, 0, 16_383, 0, scale=1 / 4),
-    _kept("bus_watchdog", 98, 1, 0, 127, 0, signed=True, unit="s", scale=WATCHDOG_LSB),
+    _stored("velocity_i_gain", 76, 2, 0, 16_383, 1920, scale=1 / 65536),
+    _stored("velocity_p_gain", 78, 2, 0, 16_383, 100, scale=P_GAIN_LSB),
+    _stored("position_d_gain", 80, 2, 0, 16_383, 0, scale=1 / 16),
+    _stored("position_i_gain", 82, 2, 0, 16_383, 0, scale=1 / 65536),
+    _stored("position_p_gain", 84, 2, 0, 16_383, 0, scale=P_GAIN_LSB),
+    _stored("feedforward_2nd_gain", 88, 2, 0, 16_383, 0, scale=1 / 4),
+    _stored("feedforward_1st_gain", 90, 2, 0, 16_383, 0, scale=1 / 4),
+    _stored("bus_watchdog", 98, 1, 0, 127, 0, signed=True, unit="s", scale=WATCHDOG_LSB),
     Register("goal_pwm", 100, 2, True, True, scale=_DUTY, low=-FULL_DUTY_COUNTS, high=FULL_DUTY_COUNTS),
     Register("goal_current", 102, 2, True, True, "A", low=-648, high=648),
     Register("goal_velocity", 104, 4, True, True, "rad/s", SPEED_LSB, -1023, 1023),
-    _kept("profile_acceleration", 108, 4, 0, 32_767, 0, unit="rad/s^2", scale=ACCELERATION_LSB),
-    _kept("profile_velocity", 112, 4, 0, 32_767, 0, unit="rad/s", scale=SPEED_LSB),
+    _stored("profile_acceleration", 108, 4, 0, 32_767, 0, unit="rad/s^2", scale=ACCELERATION_LSB),
+    _stored("profile_velocity", 112, 4, 0, 32_767, 0, unit="rad/s", scale=SPEED_LSB),
     # 256 turns either way in extended position mode; in position mode the motor refuses what is outside its limits.
     Register("goal_position", 116, 4, True, True, "rad", PULSE, -MOST_TURN_COUNTS, MOST_TURN_COUNTS),
 )
@@ -266,8 +266,8 @@ _PRESENT = (
 
 def _indirect(first: int, address: int, data: int, count: int = 28, last: int = 661) -> tuple[Register, ...]:
     """Return indirect addresses and the bytes they point to; each points to its own byte at the start."""
-    ways = [_kept(f"indirect_address_{first + i}", address + 2 * i, 2, 64, last, data + i) for i in range(count)]
-    return (*ways, *(_kept(f"indirect_data_{first + i}", data + i, 1, 0, 255, 0) for i in range(count)))
+    ways = [_stored(f"indirect_address_{first + i}", address + 2 * i, 2, 64, last, data + i) for i in range(count)]
+    return (*ways, *(_stored(f"indirect_data_{first + i}", data + i, 1, 0, 255, 0) for i in range(count)))
 
 
 _ROWS = (*_EEPROM, *_CONTROL, *_PRESENT)
@@ -319,7 +319,7 @@ XL330_M288 = _motor(
         "goal_velocity": {"low": -2047, "high": 2047},
     },
     # pwm_slope is not emulated: with the factory's 140 the duty takes 18 ms from nothing to all of 5 V.
-    (_kept("pwm_slope", 62, 1, 1, 255, 140, unit="V/s", scale=1.977), *_indirect(1, 168, 208, 20, 227)),
+    (_stored("pwm_slope", 62, 1, 1, 255, 140, unit="V/s", scale=1.977), *_indirect(1, 168, 208, 20, 227)),
 )
 MOTORS = {table.number: table for table in (XH430_W350, XM430_W350, XL330_M288)}
 
@@ -363,9 +363,9 @@ OPENCR_NODE = RegisterTable(
     (
         Register("model_number", 0, 2, initial=0x7400),
         Register("firmware_version", 6, 1),
-        _kept("id", 7, 1, 0, 252, 200),
-        _kept("baud_rate", 8, 1, 0, 7, 3),
-        _kept("return_delay_time", 9, 1, 0, 254, 0, unit="s", scale=RETURN_DELAY_LSB),
+        _stored("id", 7, 1, 0, 252, 200),
+        _stored("baud_rate", 8, 1, 0, 7, 3),
+        _stored("return_delay_time", 9, 1, 0, 254, 0, unit="s", scale=RETURN_DELAY_LSB),
         *_three(("gyro_x", "gyro_y", "gyro_z"), 32, "rad/s", _GYRO),
         *_three(("acceleration_x", "acceleration_y", "acceleration_z"), 38, "m/s^2", _CHIP_FORCE),
         *_three(("roll", "pitch", "yaw"), 44, "rad", _TENTH_DEGREE),
@@ -374,7 +374,7 @@ OPENCR_NODE = RegisterTable(
         Register("clock", 56, 4, unit="s", scale=1e-6),
         Register("samples", 60, 4),
         Register("lost_samples", 64, 4),
-        _kept("status_return_level", 68, 1, 0, 2, 2),
+        _stored("status_return_level", 68, 1, 0, 2, 2),
         Register("registered_instruction", 69, 1, initial=0),
         Register("hardware_error_status", 70, 1, initial=0),
         Register("who_am_i", 71, 1),

@@ -33,7 +33,7 @@ _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity
 _CLIMATE = ("present_input_voltage", "present_temperature")
 _GOAL = ("goal_position",)  # just before what is present: four bytes more, and it is known which goal was in force
 _ORDERS = ("bus_watchdog", "goal_pwm", "goal_current", *_GOAL)
-_TOLD_MOST = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
+_MOST_GOALS = 16  # packets of goals; that many in a row are lost on no line that a run goes on with
 _JUST_STARTED_MS = 5000
 _LATEST_S = 0.2  # no answer comes so much later than it was asked for
 _LATE = "its answers come late: they are of an earlier cycle"
@@ -122,8 +122,8 @@ class _Present:
         self.bounds = MotorBounds(motor.table, spec)
         self.objection = self.climate_objection = ""
         names = (*_GOAL, *_PRESENT) if tells_goal else _PRESENT
-        asked = names, (*names, *_CLIMATE), (*_ORDERS, *_PRESENT)
-        short, long, whole = (lay_out(motor.table, registers) for registers in asked)
+        query = names, (*names, *_CLIMATE), (*_ORDERS, *_PRESENT)
+        short, long, whole = (lay_out(motor.table, registers) for registers in query)
         self.ask, self.ask_climate, self.ask_orders = (
             Read(motor.id, block.address, block.length) for block in (short, long, whole)
         )
@@ -157,9 +157,9 @@ class _Present:
         if self.objection:
             return None
         angle = (position - self._zero) * self._angle
-        told = (goal[0] - self._zero) * self._angle if goal else math.nan
+        held = (goal[0] - self._zero) * self._angle if goal else math.nan
         return MotorReading(
-            angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert, told
+            angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert, held
         )
 
     def climate(self, reply: Reply, time: float) -> Climate | None:
@@ -196,9 +196,9 @@ class _Present:
 
     def _only_fresh(self, reply: Reply, time: float) -> tuple[int, ...] | None:
         """Return the counts of the one of several answers that belongs to a host time [s]; None where two do."""
-        told = [self._counts(data) for data in (reply.data, *reply.rivals)]
-        fresh = [counts for counts in told if self.track.could_be(counts[-len(_PRESENT)], time)]
-        return None if len(fresh) > 1 else (fresh or told)[0]
+        readings = [self._counts(data) for data in (reply.data, *reply.rivals)]
+        fresh = [counts for counts in readings if self.track.could_be(counts[-len(_PRESENT)], time)]
+        return None if len(fresh) > 1 else (fresh or readings)[0]
 
 
 class Rig:
@@ -242,7 +242,7 @@ class Rig:
         self._presents = (*self._tendon_presents, self._drive_present)
         self._turns = [self._reads(index) for index in range(2 * len(self._presents))]
         self._turn = 0
-        self._told: deque[dict[int, int]] = deque(maxlen=_TOLD_MOST)
+        self._sent: deque[dict[int, int]] = deque(maxlen=_MOST_GOALS)
 
     @property
     def cycle_bytes(self) -> int:
@@ -251,10 +251,10 @@ class Rig:
 
     def bytes_in(self, mode: TendonMode | None) -> int:
         """Return `cycle_bytes` in a mode of the tendon motors; None: at most."""
-        asked = self._turns[0]
-        answers = sum(wire_bytes(read.length, status=True) for read in asked)
+        query = self._turns[0]
+        answers = sum(wire_bytes(read.length, status=True) for read in query)
         single = sum(wire_bytes(4) + wire_bytes(sensor.row.size, status=True) for sensor in self.sensors)
-        return self._goal_bytes(mode) + wire_bytes(5 * len(asked)) + answers + single
+        return self._goal_bytes(mode) + wire_bytes(5 * len(query)) + answers + single
 
     def _goal_bytes(self, mode: TendonMode | None) -> int:
         if mode == "current":
@@ -284,29 +284,29 @@ class Rig:
         drive = self._drive_present.decode(replies[self.drive.id], time)
         tendons = tuple([present.decode(replies[present.id], time) for present in self._tendon_presents])
         imu = self._imu_reading(replies, time)
-        asked = self._presents[turn // 2]
-        fresh = drive if asked is self._drive_present else tendons[turn // 2]
-        told = fresh is not None and not replies[asked.id].rivals
+        query = self._presents[turn // 2]
+        fresh = drive if query is self._drive_present else tendons[turn // 2]
+        is_fresh = fresh is not None and not replies[query.id].rivals
         asks_climate = turn % 2 == 0
-        told_climate = told and asks_climate
-        climate = asked.climate(replies[asked.id], time) if told_climate else None
-        altered = asked.altered(replies[asked.id], *self._orders_of(asked)) if told and not asks_climate else ""
+        has_climate = is_fresh and asks_climate
+        climate = query.climate(replies[query.id], time) if has_climate else None
+        altered = query.altered(replies[query.id], *self._orders_of(query)) if is_fresh and not asks_climate else ""
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
         values = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
         lacks: tuple[Lack, ...] = ()
-        if faults or (climate is None and told_climate) or imu is None or drive is None or None in tendons:
+        if faults or (climate is None and has_climate) or imu is None or drive is None or None in tendons:
             lacks = tuple(self._lacks(replies, (*tendons, drive, imu)))
-            if told_climate and climate is None:
-                lacks += (Lack(asked.name, "impossible", asked.climate_objection),)
+            if has_climate and climate is None:
+                lacks += (Lack(query.name, "impossible", query.climate_objection),)
             self.stale.update([lack.name for lack in lacks if lack.why == "stale"])
             self.impossible.update([lack.name for lack in lacks if lack.why == "impossible"])
         return Reading(time, drive, tendons, imu, climate, faults, lacks, values, altered)
 
-    def _orders_of(self, asked: _Present) -> tuple[Collection[int], str]:
+    def _orders_of(self, query: _Present) -> tuple[Collection[int], str]:
         """Return the positions that a motor was told lately, and the register of its goals that may change."""
-        by_current = self._mode == "current" and asked is not self._drive_present
-        return ([] if by_current else [goals[asked.id] for goals in self._told]), "goal_current" if by_current else ""
+        by_current = self._mode == "current" and query is not self._drive_present
+        return ([] if by_current else [goals[query.id] for goals in self._sent]), "goal_current" if by_current else ""
 
     def _lacks(self, replies: Mapping[int, Reply], found: Sequence[MotorReading | ImuReading | None]) -> Iterator[Lack]:
         """Yield why devices gave no reading. found: what they gave, motors first, then the IMU."""
@@ -338,7 +338,7 @@ class Rig:
         for motor, goal in zip(self.tendons, tendon_goals, strict=True):
             encoder = motor.goal_current if by_current else motor.goal_angle
             writes.append(Write(motor.id, encoder.address, encoder.encode(goal)))
-        self._told.append({write.id: int.from_bytes(write.data, "little", signed=True) for write in writes})
+        self._sent.append({write.id: int.from_bytes(write.data, "little", signed=True) for write in writes})
         if by_current:
             self.bus.bulk_write(writes)
         else:  # the same register of all: four bytes less for each of them on the wire
@@ -411,8 +411,8 @@ class Rig:
 
     def changed_registers(self, found: Mapping[str, Mapping[str, int]]) -> list[str]:
         """Return which of the registers found are no longer as the run set them; goals that it tells are left out."""
-        told = ("goal_current",) if self._mode == "current" else ()
-        return [clause for motor in self.motors for clause in changed_registers(motor, found[motor.name], told)]
+        but = ("goal_current",) if self._mode == "current" else ()
+        return [clause for motor in self.motors for clause in changed_registers(motor, found[motor.name], but)]
 
     def forget(self) -> None:
         """Take the next answer of every device as fresh, after one was started anew on purpose."""
@@ -426,7 +426,7 @@ class Rig:
         Raises DeviceError.
         """
         angles = []
-        self._told.clear()
+        self._sent.clear()
         for motor, present in zip(self.tendons, self._tendon_presents, strict=True):
             angles.append(motor.angle())
             count = round(motor.sign * angles[-1] / motor.table["present_position"].scale)
@@ -442,8 +442,8 @@ class Rig:
     def _reads(self, turn: int) -> list[Read]:
         """Return what is asked in a cycle, in the order of the answers."""
         more = [p.ask_orders if turn % 2 else p.ask_climate for p in self._presents]
-        asked = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
-        return [asked[-1], self.imu.ask, *asked[:-1]]
+        query = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
+        return [query[-1], self.imu.ask, *query[:-1]]
 
     def _imu_reading(self, replies: dict[int, Reply], time: float) -> ImuReading | None:
         """Return what the IMU says. It answers behind the drive; where that was silent, its own clock says when."""

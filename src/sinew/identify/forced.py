@@ -289,10 +289,10 @@ def predict_fit(
     """
     configure()
     known = fit if isinstance(fit, Mechanics) else read_mechanics(fit)
-    kind, asked = _asked(torque, base)
+    kind, drives = _kind_of(torque, base)
     shown = motion or shown_in(known.unit, known.unit_said)
     at = drive or drive_shown(known, kind, through=through is not None)
-    levels = asked / at.factor
+    levels = drives / at.factor
     point = None if through is None else _checked(Through(*through), levels, shown)
     model = _model_of(known)
     numbers = _numbers_of(known, model, wanted=_gain_from(known, kind, point) == "fit")
@@ -309,8 +309,10 @@ def predict_fit(
     gains, said = _gains(normal, values, kind, point, rng, shown)
     values, gains = values[np.isfinite(gains)], gains[np.isfinite(gains)]
     found = _levels(normal, values, gains, kind, levels, band, progress)
-    told = (*_undetermined(known, kind, point, gains), *remarks, *said)
-    told += tuple(_extrapolated(known, one, shown, at) for one in found.levels if _reach(one) > _BEYOND * known.largest)
+    lines = (*_undetermined(known, kind, point, gains), *remarks, *said)
+    lines += tuple(
+        _extrapolated(known, one, shown, at) for one in found.levels if _reach(one) > _BEYOND * known.largest
+    )
     return Forced(
         mechanics=known,
         kind=kind,
@@ -323,7 +325,7 @@ def predict_fit(
         drive=at,
         error_estimate=found.error,
         harmonics=found.harmonics,
-        remarks=(*told, *_of_bands(found.levels, at)),
+        remarks=(*lines, *_of_bands(found.levels, at)),
     )
 
 
@@ -332,7 +334,7 @@ _BEYOND = 1.2  # of the largest amplitude that was seen: from there on a law is 
 _TRIES = 200
 
 
-def _asked(torque: float | Sequence[float] | None, base: float | Sequence[float] | None) -> tuple[Kind, Array]:
+def _kind_of(torque: float | Sequence[float] | None, base: float | Sequence[float] | None) -> tuple[Kind, Array]:
     if (torque is None) == (base is None):
         raise SpecError("say what drives it: either torque, the levels of what pushes, or base, by how much that moves")
     kind: Kind = "base" if torque is None else "torque"
@@ -391,8 +393,8 @@ def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
     Raises SpecError where a number is not known, or cannot be.
     """
     lost = {number.name for term in model.law.losses.terms for number in term.numbers}
-    kept = [k for k, name in enumerate(known.numbers) if name != "gain" or wanted]
-    covariance = known.covariance[np.ix_(kept, kept)]
+    retained = [k for k, name in enumerate(known.numbers) if name != "gain" or wanted]
+    covariance = known.covariance[np.ix_(retained, retained)]
     numbers = {name: value for name, value in known.numbers.items() if name != "gain" or wanted}
     for (name, value), variance in zip(known.numbers.items(), np.diag(known.covariance), strict=True):
         if name not in numbers:
@@ -412,20 +414,20 @@ def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
 
 def _drawn(known: Mechanics, count: int, rng: np.random.Generator) -> tuple[Array, list[str]]:
     """Return laws as likely as the fit says, (count, k), and what to know of them."""
-    factor, kept, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
+    factor, retained, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
     positive = np.array([name in NUMBERS and NUMBERS[name].positive for name in known.numbers])
     freedom = known.degrees_of_freedom
-    while len(kept) < count:
+    while len(retained) < count:
         tried += count
         if tried > _TRIES * count:
             raise SpecError("hardly any law that is as likely as the fit says can be: its numbers are too uncertain")
         widened = np.sqrt(freedom / rng.chisquare(freedom, (count, 1)))
         some = known.values + widened * (rng.standard_normal((count, known.values.size)) @ factor.T)
-        kept = np.concatenate([kept, some[np.all((some > 0) | ~positive, axis=1)]])
-    told = []
+        retained = np.concatenate([retained, some[np.all((some > 0) | ~positive, axis=1)]])
+    lines = []
     if tried > 2 * count:
-        told.append("more than half of the laws drawn had a damping or stiffness below zero and were drawn again")
-    return kept[:count], told
+        lines.append("more than half of the laws drawn had a damping or stiffness below zero and were drawn again")
+    return retained[:count], lines
 
 
 @dataclass(frozen=True)
@@ -502,25 +504,25 @@ def _gains(
         )
     per = normal.size * normal.omega**2 / cast(float, point.level)
     gains = push * per / ((2 * np.pi * point.frequency_hz) ** 2 if kind == "base" else 1.0)
-    told = []
+    lines = []
     if point.std == 0:
-        told.append(
+        lines.append(
             "the measured point is taken as exact; give the standard deviation of its amplitude, as in "
             "--through 3:12+-0.2, and the bands hold it"
         )
     first = np.zeros(1, dtype=np.intp)
     disturbed = maps_of(x[:1], rows_of(lane, first), normal.laws.equations, normal.laws.size)
     if largest_multiplier(disturbed, normal.laws.equations)[0] > 1 + 1e-6:
-        told.append(
+        lines.append(
             "by this law the measured motion would be unstable, so it cannot have been measured: check the point, or "
             "the law"
         )
     if lost := int(np.sum(~np.isfinite(push))):
-        told.append(f"{lost} of {len(push) - 1} laws drawn do not reach the measured point and were left out")
-    return gains, told
+        lines.append(f"{lost} of {len(push) - 1} laws drawn do not reach the measured point and were left out")
+    return gains, lines
 
 
-class _Found(NamedTuple):
+class _Gains(NamedTuple):
     levels: tuple[Level, ...]
     error: float
     harmonics: int
@@ -534,7 +536,7 @@ def _levels(
     levels: Array,
     band_hz: tuple[float, float],
     progress: Progress | None,
-) -> _Found:
+) -> _Gains:
     """Return the curve and the band of every level. values: of laws, the first the fit's own; gains: of them."""
     laws, power = normal.laws, 2 if kind == "base" else 0
     numbers = normal.numbers(values)
@@ -549,9 +551,9 @@ def _levels(
     for level, push in zip(levels, pushes, strict=True):
         scale = normal.swing(float(push[0]) * normal.size * normal.omega**2, power) / normal.size
         problem = driven(numbers, push, power, laws, np.full(push.size, scale))
-        told = follow(_some(problem, 0, 1), window, fine)
-        error, harmonics = max(error, told.error_estimate), max(harmonics, told.harmonics)
-        nominal, drawn = _physical(told.branches[0], hertz, normal.size), list[Branch]()
+        lines = follow(_some(problem, 0, 1), window, fine)
+        error, harmonics = max(error, lines.error_estimate), max(harmonics, lines.harmonics)
+        nominal, drawn = _physical(lines.branches[0], hertz, normal.size), list[Branch]()
         for begin in range(0, push.size, _TOGETHER):
             some = follow(_some(problem, begin, begin + _TOGETHER), window, coarse).branches
             drawn += [_physical(one, hertz, normal.size) for one in some]
@@ -559,7 +561,7 @@ def _levels(
             if progress is not None:
                 progress(done, pushes.size)
         found.append(Level(float(level), nominal, band_of(nominal, drawn[0], drawn[1:])))
-    return _Found(tuple(found), error, harmonics)
+    return _Gains(tuple(found), error, harmonics)
 
 
 _TOGETHER = 32
@@ -615,18 +617,18 @@ def _extrapolated(known: Mechanics, one: Level, motion: Shown, drive: Shown) -> 
 
 
 def _of_bands(levels: Sequence[Level], drive: Shown) -> tuple[str, ...]:
-    told = []
+    lines = []
     for one in levels:
         where = f"at {drive.of(one.level)}"
         if not one.branch.complete or "not" in one.branch.message:
-            told.append(f"{where} {one.branch.message}")
+            lines.append(f"{where} {one.branch.message}")
         if one.branch.peak is None:
-            told.append(f"{where} there is no peak inside the band of frequencies; widen it")
+            lines.append(f"{where} there is no peak inside the band of frequencies; widen it")
         if lost := one.band.draws - one.band.complete:
-            told.append(f"{where} {lost} of {one.band.draws} draws do not reach the end of the band")
+            lines.append(f"{where} {lost} of {one.band.draws} draws do not reach the end of the band")
         if 0 < one.band.folded < one.band.draws:
-            told.append(f"{where} {one.band.folded} of {one.band.draws} draws have folds")
-    return tuple(told)
+            lines.append(f"{where} {one.band.folded} of {one.band.draws} draws have folds")
+    return tuple(lines)
 
 
 # It becomes JSON.

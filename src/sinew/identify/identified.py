@@ -24,9 +24,9 @@ from sinew.identify.oscillator.comparison import (
     split_record,
 )
 from sinew.identify.oscillator.diagnosis import (
+    diagnose,
     refuse_hopeless,
     silenced,
-    suspicions,
     warn_of_noise,
     widen,
     window_force,
@@ -186,9 +186,9 @@ def identify(
     """
     if isinstance(record, (str, Path)):
         record = load_recording(record)
-    asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm}
-    asked |= {"start_s": start_s, "stop_s": stop_s, "posterior": posterior or None, "chain": chain or None}
-    given = [name for name, value in asked.items() if value is not None]
+    options: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm}
+    options |= {"start_s": start_s, "stop_s": stop_s, "posterior": posterior or None, "chain": chain or None}
+    given = [name for name, value in options.items() if value is not None]
     if model == "tendon":
         if not isinstance(record, xr.Dataset):
             raise SpecError("model tendon needs the recording of a rig; choose cubic or auto")
@@ -264,7 +264,7 @@ def find_mechanics(
             return _of_segments(records, wanted, remarks, progress)
         remarks = [*remarks, "of two segments the first was fitted; three and more are fitted together"]
     split = split_record(records[0], train, test)
-    measured, windowed = split.record, window_force(split.record, split.kept)
+    measured, windowed = split.record, window_force(split.record, split.selected)
     if windowed is not None:
         apart = None if split.apart is None else silenced(split.apart)
         split = replace(split, record=windowed.record, apart=apart)
@@ -272,7 +272,7 @@ def find_mechanics(
             windowed = window_force(measured) or windowed
             split = replace(split, whole=windowed.record)
         remarks = [*remarks, windowed.sentence]
-    first, last = (int(k) for k in split.kept.nonzero()[0][[0, -1]])
+    first, last = (int(k) for k in split.selected.nonzero()[0][[0, -1]])
     refuse_hopeless(split.record.cut(first, last + 1))
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
     if windowed is None:
@@ -289,21 +289,23 @@ def _of_segments(
     models = _LAWS if wanted is None else (wanted,)
     compared = compare_segments(records, models, progress)
     levels = dict.fromkeys(record.group.split(",")[0] for record in records)
-    told = f"{len(records)} segments at {' and '.join(levels)} were fitted together, each third of them held out once"
-    return _of_comparison(compared, [told, *remarks])
+    sentence = (
+        f"{len(records)} segments at {' and '.join(levels)} were fitted together, each third of them held out once"
+    )
+    return _of_comparison(compared, [sentence, *remarks])
 
 
 def _of_comparison(compared: Comparison, remarks: Sequence[str]) -> Identified:
     best, row = compared.best, compared.rows[0]
-    told = [
+    lines = [
         compared.verdict,
         *remarks,
         best.message,
         *_impossible(best),
-        *suspicions(best, compared=len(compared.rows) > 1),
+        *diagnose(best, compared=len(compared.rows) > 1),
     ]
     rows = Rows(ComparedModel(one.model.name, finite(one.rmse_test), finite(one.bic)) for one in compared.rows)
-    return replace(_identified(best, row.rmse_test, told, rows), fit=best)
+    return replace(_identified(best, row.rmse_test, lines, rows), fit=best)
 
 
 # What a stepped sine tells: models compared, the mechanics, where it resonates.
@@ -330,12 +332,12 @@ def _of_points(
         raise refused
     best, verdict = _chosen(fits, compared=model == "auto")
     peaks = [peak_of_response(best, part=part) for part in range(len(groups))]
-    told = [verdict, *groups[0].notes, best.message, *best.tests.sentences()]
-    told += [f"at a drive of {one.input_amplitude:.3g}: {one.reason}" for one in peaks if one.reason]
+    lines = [verdict, *groups[0].notes, best.message, *best.tests.sentences()]
+    lines += [f"at a drive of {one.input_amplitude:.3g}: {one.reason}" for one in peaks if one.reason]
     ranked = sorted(fits, key=lambda fit: (fit is not best, fit.bic()))
     rows = Rows(ComparedModel(one.model.name, None, one.bic()) for one in ranked)
     return replace(
-        _identified(best, None, told, rows),
+        _identified(best, None, lines, rows),
         peaks=Rows(peaks),
         response=best,
     )
@@ -378,7 +380,7 @@ def identified_joint(joint: JointFit) -> Identified:
     """Return what a fit tells of the tendon joint, frequency and damping at its smallest pretension."""
     levels = ", ".join(f"{one:g}" for one in joint.pretension_mm)
     at = f"natural frequency and damping ratio are those at {joint.pretension_mm[0]:g} mm"
-    told = (f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message)
+    lines = (f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message)
     named = dict(zip(joint_names(joint), joint.parameters.values(), strict=True))
     return Identified(
         model="tendon",
@@ -388,10 +390,10 @@ def identified_joint(joint: JointFit) -> Identified:
         rmse=Residuals(joint.rmse["gyro_rad_s"], None),
         unit="rad/s",
         converged=joint.converged,
-        message="; ".join(told),
+        message="; ".join(lines),
         unidentifiable=tuple(joint.unidentifiable),
         compared=Rows(),
-        sentences=told,
+        sentences=lines,
         joint=joint,
     )
 

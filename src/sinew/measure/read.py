@@ -137,9 +137,9 @@ def _recorded(found: "Stretch", kind: ReadKind, attrs: Mapping[str, Any]) -> xr.
     notes = [*found.notes, *(f"time: {note}" for note in found.timeline.notes)]
     notes += [_RATE_NOTE.format(role=role) for role, unit in found.units.items() if unit == "rad/s"]
     pieces = found.timeline.pieces
-    kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
+    retained = np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
     return build_recording(
-        {name: values[kept] for name, values in samples.items()},
+        {name: values[retained] for name, values in samples.items()},
         [Segment(IMPORT_SEGMENTS[kind], 0.0, math.nan, math.nan, 0)] * len(pieces),
         [piece.stop - piece.start for piece in pieces],
         provenance("import", **attrs, import_notes="\n".join(notes)),
@@ -235,9 +235,9 @@ def _coerced(column: "pd.Series") -> NDArray[np.float64]:
     return np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float)
 
 
-def _bad_cell(column: "pd.Series", place: int) -> str:
-    cell = column.iloc[place]
-    row = int(_rows(column)[place])
+def _bad_cell(column: "pd.Series", position: int) -> str:
+    cell = column.iloc[position]
+    row = int(_rows(column)[position])
     if isinstance(cell, str):
         hint = "; if this row holds units, delete it and write COLUMN:unit instead" if row == 1 else ""
         return f"column {column.name!r} holds {cell!r} in data row {row}, expected a number{hint}"
@@ -661,8 +661,8 @@ def _look_at_recording(path: Path) -> Looked:
     )
 
 
-def _column(table: Table, place: int) -> LookedColumn:
-    column, name = table.iloc[:, place], str(table.columns[place])
+def _column(table: Table, position: int) -> LookedColumn:
+    column, name = table.iloc[:, position], str(table.columns[position])
     values = np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float) if column.dtype.kind not in "mM" else None
     held, unit = int(column.notna().sum()), unit_in_name(name)
     if values is None or not np.isfinite(values).any():

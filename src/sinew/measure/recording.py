@@ -604,13 +604,13 @@ def cut_recording(recording: xr.Dataset, start_s: float | None, stop_s: float | 
             "segments are analysed whole; leave them out"
         )
     time = recording["time_s"].values
-    kept = choose_stretch(time, start_s, stop_s, "recording")
-    sizes = np.array([int(kept[where].sum()) for where in segment_slices(recording)], dtype=np.int64)
-    cut = recording.isel(sample=np.flatnonzero(kept), segment=np.flatnonzero(sizes))
+    retained = choose_stretch(time, start_s, stop_s, "recording")
+    sizes = np.array([int(retained[where].sum()) for where in segment_slices(recording)], dtype=np.int64)
+    cut = recording.isel(sample=np.flatnonzero(retained), segment=np.flatnonzero(sizes))
     cut["row_size"] = ("segment", sizes[sizes > 0], recording["row_size"].attrs)
-    note = f"cut to {time[kept].min():g} to {time[kept].max():g} s"
-    told = str(recording.attrs.get("import_notes", ""))
+    note = f"cut to {time[retained].min():g} to {time[retained].max():g} s"
+    before = str(recording.attrs.get("import_notes", ""))
     cut.attrs = {k: v for k, v in recording.attrs.items() if k != "content_hash"} | {
-        "import_notes": f"{told}\n{note}" if told else note
+        "import_notes": f"{before}\n{note}" if before else note
     }
     return validate_recording(cut)

@@ -122,7 +122,7 @@ def run_tasks(
 ) -> list[R]:
     """Return the result of every task, in their order; see `each_task`."""
     found = dict(each_task(function, tasks, spread, progress))
-    return [found[place] for place in range(len(tasks))]
+    return [found[index] for index in range(len(tasks))]
 
 
 def each_task(
@@ -135,14 +135,14 @@ def each_task(
     Raises SpecError where the cluster cannot be used, FileError where nothing can be kept, and what a task raises.
     """
     source = None if spread.keep is None and spread.scheduler is None else source_of(function)
-    with nullcontext() if spread.keep is None else _results_in(Path(spread.keep)) as kept:
-        keys = [] if kept is None else [digest_of((source, spread.device, function, task)) for task in tasks]
-        coming = _computed(function, dict(enumerate(tasks)), spread, source, keys, kept)
+    with nullcontext() if spread.keep is None else _results_in(Path(spread.keep)) as retained:
+        keys = [] if retained is None else [digest_of((source, spread.device, function, task)) for task in tasks]
+        coming = _computed(function, dict(enumerate(tasks)), spread, source, keys, retained)
         with closing(coming):
-            for done, (place, result) in enumerate(coming, start=1):
+            for done, (index, result) in enumerate(coming, start=1):
                 if progress is not None:
                     progress(done, len(tasks))
-                yield place, result
+                yield index, result
 
 
 def _computed(
@@ -151,14 +151,14 @@ def _computed(
     spread: Spread,
     source: str | None,
     keys: Sequence[str],
-    kept: sqlite3.Connection | None,
+    retained: sqlite3.Connection | None,
 ) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) of what is kept by some keys, then of what is not and is computed, and kept."""
-    for place, key in enumerate(keys):
-        assert kept is not None
-        if (row := kept.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()) is not None:
-            del waiting[place]
-            yield place, pickle.loads(row[0])
+    for index, key in enumerate(keys):
+        assert retained is not None
+        if (row := retained.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()) is not None:
+            del waiting[index]
+            yield index, pickle.loads(row[0])
     do = partial(_do, function, spread.device)
     come: Generator[tuple[int, R], None, None]
     if spread.scheduler is not None:
@@ -166,13 +166,13 @@ def _computed(
     elif spread.workers > 1 and len(waiting) > 1:
         come = _in_processes(do, waiting, min(spread.workers, len(waiting)))
     else:
-        come = ((place, do(task)) for place, task in waiting.items())
+        come = ((index, do(task)) for index, task in waiting.items())
     with closing(come):
-        for place, result in come:
-            if kept is not None:
-                with kept:  # on the disk before it is handed out
-                    kept.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (keys[place], pickle.dumps(result)))
-            yield place, result
+        for index, result in come:
+            if retained is not None:
+                with retained:  # on the disk before it is handed out
+                    retained.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (keys[index], pickle.dumps(result)))
+            yield index, result
 
 
 def _do(function: Callable[[T], R], device: str, task: T) -> R:
@@ -204,7 +204,7 @@ def _in_processes(
     while waiting:
         broken: BrokenExecutor | None = None
         with process_pool(workers, cores() // workers) as pool:
-            futures = {pool.submit(function, task): place for place, task in waiting.items()}
+            futures = {pool.submit(function, task): index for index, task in waiting.items()}
             for future in as_completed(futures):
                 try:
                     result = future.result()
@@ -266,9 +266,9 @@ def _on_cluster(
     while waiting:
         with suppress(_LostError), _client(address, begun) as client:
             begun = True
-            for place, result in _gathered(client, function, waiting):
-                del waiting[place]
-                yield place, result
+            for index, result in _gathered(client, function, waiting):
+                del waiting[index]
+                yield index, result
 
 
 @contextmanager
@@ -280,7 +280,7 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
     for name in ("distributed", "distributed.client"):  # what it says of a lost scheduler, we say
         logging.getLogger(name).setLevel(logging.CRITICAL)
     patience = _PATIENCE_S if again else _TIMEOUT_S
-    kept = "; what was done before is in the file of --keep: the same command goes on from it" if again else ""
+    retained = "; what was done before is in the file of --keep: the same command goes on from it" if again else ""
     until = time.monotonic() + patience
     client = None
     while client is None:
@@ -290,14 +290,14 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
             if time.monotonic() > until or isinstance(error, ValueError):
                 raise SpecError(
                     f"found no Dask scheduler at {address} within {patience:g} s; start one (dask scheduler) and give "
-                    f"its address, as tcp://host:8786{kept}"
+                    f"its address, as tcp://host:8786{retained}"
                 ) from error
     with client:
         try:
             client.wait_for_workers(1, timeout=_PATIENCE_S)
         except TimeoutError as error:
             raise SpecError(
-                f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){kept}"
+                f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){retained}"
             ) from error
         except OSError as error:
             raise _LostError from error
@@ -311,11 +311,11 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sending large graph")  # a recording is one
         futures = client.map(function, list(waiting.values()), pure=False)
-    place_of = dict(zip((future.key for future in futures), tuple(waiting), strict=True))
+    index_of = dict(zip((future.key for future in futures), tuple(waiting), strict=True))
     # Not `with_results`: a result that was being fetched when the scheduler went would be waited for for ever.
     for batch in completed(futures, loop=client.loop).batches():
         here = [future for future in batch if future.status == "finished"]
-        lost = [future for future in batch if future.status != "finished" and future.key in place_of]
+        lost = [future for future in batch if future.status != "finished" and future.key in index_of]
         try:
             results = client.gather(here)
         except (OSError, asyncio.CancelledError, CancelledError) as error:
@@ -323,12 +323,12 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
         for future in here:  # before any is yielded, so that none is computed again; it is "cancelled" from here on
             future.release()
         for future, result in zip(here, results, strict=True):
-            yield place_of[future.key], result
+            yield index_of[future.key], result
         for future in lost:
             raise (future.exception() if future.status == "error" else None) or _LostError
 
 
-# ---- what is kept: results by the key of their task, in a file; each is there whole or not at all
+# ---- what is retained: results by the key of their task, in a file; each is there whole or not at all
 
 
 @contextmanager

@@ -309,8 +309,8 @@ def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) ->
     cuts = [] if gaps == "bridge" else [gap.after + 1 for gap in diagnosis.gaps]
     edges = [0, *cuts, stamps.size]
     pieces = [slice(a, b) for a, b in pairwise(edges)]
-    kept = tuple(piece for piece in pieces if piece.stop - piece.start >= FEWEST_SAMPLES)
-    if not kept:
+    usable = tuple(piece for piece in pieces if piece.stop - piece.start >= FEWEST_SAMPLES)
+    if not usable:
         raise TimeError(
             f"the gaps leave no piece of at least {FEWEST_SAMPLES} samples; choose a record with fewer gaps"
         )
@@ -321,9 +321,9 @@ def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) ->
             "needs no samples there"
         )
     elif diagnosis.gaps:
-        short = sum(piece.stop - piece.start for piece in pieces if piece not in kept)
+        short = sum(piece.stop - piece.start for piece in pieces if piece not in usable)
         left_out = f", {_counted(short, 'sample')} in shorter pieces left out" if short else ""
-        notes.append(f"split at {_counted(len(diagnosis.gaps), 'gap')} into {_counted(len(kept), 'piece')}{left_out}")
+        notes.append(f"split at {_counted(len(diagnosis.gaps), 'gap')} into {_counted(len(usable), 'piece')}{left_out}")
     time = np.array(stamps, dtype=float)
     if diagnosis.pattern == "bursty":
         time -= off_line(stamps, diagnosis.gaps, diagnosis.step_s)
@@ -336,7 +336,7 @@ def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) ->
             f"{_counted(diagnosis.repeated, 'stamp')} repeat the one before, for they were written with too few "
             "digits; samples of one stamp are spread over its last digit"
         )
-    return Timeline(time, kept, tuple(notes), diagnosis)
+    return Timeline(time, usable, tuple(notes), diagnosis)
 
 
 _MOST_ALIKE = 3  # samples with one stamp that rounding may account for
@@ -364,8 +364,8 @@ def _spread(stamps: Array) -> Array:
     starts = np.flatnonzero(np.concatenate([[True], steps > 0]))
     count = np.diff(np.append(starts, stamps.size))
     size = np.repeat(count, count)
-    place = np.arange(stamps.size) - np.repeat(starts, count)
-    return np.asarray(stamps + least * ((place + 0.5) / size - 0.5), dtype=float)
+    position = np.arange(stamps.size) - np.repeat(starts, count)
+    return np.asarray(stamps + least * ((position + 0.5) / size - 0.5), dtype=float)
 
 
 def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> Mask:

@@ -50,10 +50,10 @@ class GuideFriction(ABC):
 
     @staticmethod
     @abstractmethod
-    def rising(way: Any, amplitude: Any) -> Any:
+    def rising(travel: Any, amplitude: Any) -> Any:
         """Return z of one bristle on the rising half of the closed loop of a steady swing.
 
-        way: from the lower turning point; amplitude: of the swing; both over the bristle's reach.
+        travel: from the lower turning point; amplitude: of the swing; both over the bristle's reach.
         """
 
     @staticmethod
@@ -112,9 +112,9 @@ class GuideFriction(ABC):
         """
         xp = namespace_of(amplitude)
         amplitude = xp.maximum(amplitude, _SMALLEST * self.reach)
-        way = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
+        travel = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
         each = xp.expand_dims(amplitude, -1)
-        held = xp.mean(self.loop(way * each, each) * way, axis=-1)
+        held = xp.mean(self.loop(travel * each, each) * travel, axis=-1)
         return self.level * tension * 2 * held / amplitude, self.loss(tension, amplitude) / (np.pi * amplitude**2)
 
     def first_guess(self, swing: Any) -> list[Any]:
@@ -141,9 +141,9 @@ class Dahl(GuideFriction):
         return z
 
     @staticmethod
-    def rising(way: Any, amplitude: Any) -> Any:
+    def rising(travel: Any, amplitude: Any) -> Any:
         xp = namespace_of(amplitude)
-        return 1 - (1 + xp.tanh(amplitude)) * xp.exp(-way)
+        return 1 - (1 + xp.tanh(amplitude)) * xp.exp(-travel)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:
@@ -165,10 +165,10 @@ class MaxwellSlip(GuideFriction):
         return z * abs(z) ** 7
 
     @staticmethod
-    def rising(way: Any, amplitude: Any) -> Any:
+    def rising(travel: Any, amplitude: Any) -> Any:
         xp, (z, path, half, _) = namespace_of(amplitude), _sliding()
         turning = xp.interp(amplitude, half, z[-half.size :])
-        return xp.interp(xp.interp(-turning, z, path) + way, path, z)
+        return xp.interp(xp.interp(-turning, z, path) + travel, path, z)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:

@@ -199,7 +199,7 @@ def _magnus(length: jax.Array, first: jax.Array, second: jax.Array) -> _Pair:
     return turn, 0.5 * length * (v1 + v2) + share * (jnp.cross(w1, v2) - jnp.cross(w2, v1))
 
 
-def _way(turn: jax.Array, move: jax.Array) -> _Pair:
+def _segment(turn: jax.Array, move: jax.Array) -> _Pair:
     """Return (rotation, displacement) of the exponential on SE(3) of a twist (turn, move)."""
     sine, cosine, _ = _coefficients(turn @ turn)
     k = hat(turn)
@@ -228,7 +228,7 @@ def rod_poses(q: jax.Array, rod: Rod) -> tuple[jax.Array, jax.Array]:
     In frame B, the foot at its origin, x along the unloaded rod.
     """
     twists = jax.vmap(_magnus)(jnp.asarray(grid(q.shape[1]).steps), *_ends(q, rod))
-    rotations, positions = _compose(*jax.vmap(_way)(*twists))
+    rotations, positions = _compose(*jax.vmap(_segment)(*twists))
     return rotations, rod.joint.length * positions
 
 
@@ -328,7 +328,7 @@ def move_rod(q: jax.Array, q_rate: jax.Array, rod: Rod) -> tuple[Sections, Rates
     strains = _ends(q, rod)
     rates = tuple(jnp.einsum("wpt,st->pws", g.within, q_rate))
     twists, speeds = jax.jvp(lambda *at: jax.vmap(_magnus)(steps, *at), strains, rates)
-    turned, places = _compose(*jax.vmap(_way)(*twists))
+    turned, places = _compose(*jax.vmap(_segment)(*twists))
 
     still = 2 * np.sqrt(3.0) / 12 * steps[:, None] ** 2
     w1, v1, w2, v2 = rates[0][:, :3], rates[0][:, 3:], rates[1][:, :3], rates[1][:, 3:]

@@ -53,7 +53,7 @@ class Answer:
         return QUESTIONS[self.name]
 
     @property
-    def told(self) -> bool:
+    def is_answered(self) -> bool:
         """Return whether the recording answers the question."""
         return self.verdict != CANNOT_TELL
 

@@ -17,7 +17,7 @@ from sinew.paper.answer import Answer, in_words, rows_of
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import estimate_of_deviations
 from sinew.predict.bent import SLOW_HZ, Engine, response, spinal_engine
-from sinew.predict.modes import Asked, Finder, across_of, draw_spatial, out_of_plane
+from sinew.predict.modes import Finder, ModesRequest, across_of, draw_spatial, out_of_plane
 from sinew.predict.workspace import (
     PAYLOAD_HEIGHT,
     at_least_zero,
@@ -52,17 +52,17 @@ def answer_bent(
     progress: called with (done, total) rigs.
     Raises SpecError for a rig that does not tell its masses.
     """
-    asked = Asked(_PRETENSION_MM, _BEND_DEG, azimuth_deg, swing_deg=_SWING_DEG)
-    nominal = Finder(rig, asked)
+    request = ModesRequest(_PRETENSION_MM, _BEND_DEG, azimuth_deg, swing_deg=_SWING_DEG)
+    nominal = Finder(rig, request)
     rigs, _, _ = draw_spatial(rig, draws, seed)
     shifts, couplings, engines = [], [], []
     for done, one in enumerate([rig, *rigs]):
-        finder = nominal if done == 0 else Finder(one, asked, nominal)
+        finder = nominal if done == 0 else Finder(one, request, nominal)
         shifts.append(_shifts(finder))
         couplings.append(_couplings(finder))
         engines.append(_engines(one, finder))
         progress(done + 1, len(rigs) + 1)
-    aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + (90 if azimuth_deg < 90 else -90)))
+    aside = Finder(rig, request._replace(azimuth_deg=azimuth_deg + (90 if azimuth_deg < 90 else -90)))
     return [_resonance(nominal, shifts), _coupling(nominal, couplings), _engine(rig, nominal, aside, engines)]
 
 
@@ -96,11 +96,11 @@ def _resonance(nominal: Finder, shifts: Sequence[Array]) -> Answer:
         slack_tendons=[float(np.count_nonzero(nominal.at(*pose).tension_n <= 0)) for pose in _POSES],
     )
     taut = {pose: one for pose, one in found.items() if nominal.at(*pose).taut and pose[1] > 0}
-    place, most = max(taut.items(), key=lambda item: _furthest(item[1]))
+    location, most = max(taut.items(), key=lambda item: _furthest(item[1]))
     moves = _furthest(most) > _MOVES
     first = (
-        f"Of the poses with all tendons taut, bending moves the torsion's resonance most at {place[0]:g} mm and "
-        f"{place[1]:g}°: by {in_words(most, 100, '%')}, {'more' if moves else 'less'} than a twentieth."
+        f"Of the poses with all tendons taut, bending moves the torsion's resonance most at {location[0]:g} mm and "
+        f"{location[1]:g}°: by {in_words(most, 100, '%')}, {'more' if moves else 'less'} than a twentieth."
     )
     test = (
         "To test it: plans/bent.toml sweeps the lever at one bend; sweep at several (bend_deg), and at none, at the "
@@ -219,7 +219,7 @@ def _engine(rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Arra
     drive = "pitch" if abs(across_of(nominal.direction)[0]) > 0.7 else "roll"
     test = (
         "To test it: plans/engine.toml drives the tendons across a bend towards 90° through the torsion's resonance, "
-        f'the lever held; towards {nominal.asked.azimuth_deg:g}° that is drive = "{drive}".'
+        f'the lever held; towards {nominal.request.azimuth_deg:g}° that is drive = "{drive}".'
     )
     numbers = {"twist_deg": twist, "twist_per_tilt": per, "twist_per_tilt_slow": slow}
     return Answer("spinal-engine", verdict, (first, test), numbers, rows, tuple(numbers))

@@ -153,12 +153,12 @@ def effect_shares(rig: RigSpec) -> list[dict[str, Any]]:
             "gain": resonance["gain_peak"].values,
             "damping": [damping[pretension] for pretension in SHARE_PRETENSIONS_MM],
         }
-        told = {
+        changes = {
             f"{column}_{pretension:g}": finite(float(values[i]))
             for column, values in columns.items()
             for i, pretension in enumerate(SHARE_PRETENSIONS_MM)
         }
-        rows.append({"effect": name, **told})
+        rows.append({"effect": name, **changes})
     return rows
 
 

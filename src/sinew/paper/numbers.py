@@ -351,13 +351,13 @@ def _accepted(proposed: Array, excess: Array, rng: np.random.Generator, evaluati
 
     chains, draws = excess.shape
     hurdle = np.log(rng.uniform(size=excess.shape))
-    kept = np.zeros((chains, draws), dtype=np.intp)
+    retained = np.zeros((chains, draws), dtype=np.intp)
     for i in range(1, draws):
-        now = kept[:, i - 1]
+        now = retained[:, i - 1]
         moves = hurdle[:, i] < excess[:, i] - np.take_along_axis(excess, now[:, None], axis=1)[:, 0]
-        kept[:, i] = np.where(moves, i, now)
-    values = np.take_along_axis(proposed, kept[:, :, None], axis=1)
-    acceptance = float((np.diff(kept, axis=1) != 0).mean())
+        retained[:, i] = np.where(moves, i, now)
+    values = np.take_along_axis(proposed, retained[:, :, None], axis=1)
+    acceptance = float((np.diff(retained, axis=1) != 0).mean())
     rhat, ess = np.asarray(split_gelman_rubin(values)), np.asarray(effective_sample_size(values))
     return Draws(values, acceptance, rhat, ess, evaluations)
 
@@ -588,12 +588,12 @@ def paper_posterior(
         rigs = [rig_with(base, scale.at(x)) for x in points]
         batches = [rigs[i : i + _BATCH] for i in range(0, len(rigs), _BATCH)]
         seen = {}
-        for place, found in tasks.each_task(_misfit_of, batches, spread):
-            seen[place] = found
+        for position, found in tasks.each_task(_misfit_of, batches, spread):
+            seen[position] = found
             done += len(found)
             if progress is not None:
                 progress(done, total)
-        return np.concatenate([seen[place] for place in range(len(batches))])
+        return np.concatenate([seen[position] for position in range(len(batches))])
 
     low, high = scale.ends
     start = (values - scale.likely) / scale.width

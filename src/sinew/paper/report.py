@@ -114,8 +114,8 @@ def write_answers(
         )
     else:
         made, recording_hash = _made_by(of), str(of.attrs.get("content_hash", ""))
-        told = sum(answer.told for answer in answers)
-        lead = f"This recording answers {told} of {len(answers)} questions that the paper leaves open."
+        is_answered = sum(answer.is_answered for answer in answers)
+        lead = f"This recording answers {is_answered} of {len(answers)} questions that the paper leaves open."
     return page.write_page(
         folder / "answers.html",
         "answers.html",
@@ -138,7 +138,7 @@ def _shown(answer: Answer) -> dict[str, Any]:
         "name": answer.name,
         "question": answer.question,
         "verdict": answer.verdict,
-        "told": answer.told,
+        "told": answer.is_answered,
         "sentences": answer.sentences,
         "numbers": [(name, _cell(one), typeset(span(one.low, one.high))) for name, one in answer.numbers.items()],
         "head": names,

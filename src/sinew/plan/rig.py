@@ -459,7 +459,7 @@ class BusSensor(Settings):
     def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what it would tell without noise, (...), where the tendons carry such tensions [N], (..., tendon)."""
 
-    def told(self, tension_n: NDArray[np.float64], rng: np.random.Generator | None) -> NDArray[np.float64]:
+    def reading(self, tension_n: NDArray[np.float64], rng: np.random.Generator | None) -> NDArray[np.float64]:
         """Return what it tells [unit]: the true value; with an rng, noisy and in whole counts of its register."""
         value = self.true_value(tension_n)
         if rng is None:

@@ -24,14 +24,14 @@ from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 
-Shelf = Literal["rigs", "plans"]
+Library = Literal["rigs", "plans"]
 _Location = tuple[int | str, ...]
 _Spec = TypeVar("_Spec", RigSpec, Plan)
 
 MOST_CHARACTERS = 64 * 1024
 """A longer text is no rig and no plan: the longest that Sinew writes, with a calibration, has less than half of it."""
 
-_MOST_TOLD, _MOST_FAULTS = 4, 100  # of a sentence, which a person reads at once; of a list
+_MOST_LISTED, _MOST_FAULTS = 4, 100  # of a sentence, which a person reads at once; of a list
 _MOST_PARTS = 16
 # The parser's time grows with the square of the parts of a dotted key. This finds one that has too many, wherever it
 # stands; it looks at no character more than a few times, so no text makes it slow.
@@ -41,23 +41,23 @@ _DEEP = re.compile(
 )
 
 
-def list_shipped(shelf: Shelf) -> list[str]:
+def list_shipped(library: Library) -> list[str]:
     """Return the names of the rigs or plans that ship with Sinew, in alphabetical order."""
-    names = (entry.name for entry in files("sinew").joinpath(shelf).iterdir())
+    names = (entry.name for entry in files("sinew").joinpath(library).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def read_spec(shelf: Shelf, path_or_name: str | Path) -> str:
+def read_spec(library: Library, path_or_name: str | Path) -> str:
     """Return the text of a rig or plan: of the file at a path, else of the shipped one of that name.
 
     path_or_name: `paper`, `paper.toml`, `rigs/paper.toml`, or the path of a file. A file that exists comes first; a
         folder is passed over, such as `sinew reproduce --out paper` leaves.
     Raises SpecError where there is neither, or where the file is not UTF-8 text.
     """
-    path, what, shipped = Path(path_or_name), shelf.removesuffix("s"), list_shipped(shelf)
+    path, what, shipped = Path(path_or_name), library.removesuffix("s"), list_shipped(library)
     name = path.name.removesuffix(".toml")
-    if not path.is_file() and str(path.parent) in (".", shelf) and name in shipped:
-        return files("sinew").joinpath(shelf, f"{name}.toml").read_text(encoding="utf-8")
+    if not path.is_file() and str(path.parent) in (".", library) and name in shipped:
+        return files("sinew").joinpath(library, f"{name}.toml").read_text(encoding="utf-8")
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -166,7 +166,7 @@ def _frozen(value: Any) -> Any:
 def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
     """Return one line on the faults of a rig or plan. what: "rig" or "plan"."""
     lines = [sentence for _, sentence in _faults(error, model, what)]
-    most = len(lines) if len(lines) <= _MOST_TOLD + 1 else _MOST_TOLD
+    most = len(lines) if len(lines) <= _MOST_LISTED + 1 else _MOST_LISTED
     return "; ".join([*lines[:most], *([f"{len(lines) - most} more faults"] if most < len(lines) else [])])
 
 

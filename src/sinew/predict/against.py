@@ -225,7 +225,7 @@ class Score(Result):
 
 @dataclass(frozen=True, repr=False)
 class Met(Result):
-    """One number at one place: measured, predicted, and the error, whose interval is that of the measurement; relative,
+    """One number at one index: measured, predicted, and the error, whose interval is that of the measurement; relative,
     predicted over measured less one, or of an angle the difference."""
 
     measured: Annotated[Estimate, Field("measured")]
@@ -324,8 +324,8 @@ def hold_against(
     if measured.lever is not None:
         band = measured.band_hz
         lever = predict(lever_problem(rig, measured.lever, band, mode=measured.mode, effects=effects), band, RESOLUTION)
-    told = rig.calibration.pretension_mm if rig.calibration is not None else ()
-    fitted = tuple(told if fitted_mm is None else fitted_mm)
+    calibrated_mm = rig.calibration.pretension_mm if rig.calibration is not None else ()
+    fitted = tuple(calibrated_mm if fitted_mm is None else fitted_mm)
     numbers, readings = _compared(measured, prediction, lever)
     response = measured.response
     places = [(float(mm), any(np.isclose(mm, one) for one in fitted)) for mm in response.pretension_mm]
@@ -383,10 +383,10 @@ def met(name: str, measured: Estimate, predicted: float) -> Met | None:
     return Met(measured, predicted, error)
 
 
-def _met_at(name: str, reading: _Reading | None, place: tuple[int, ...]) -> Met | None:
+def _met_at(name: str, reading: _Reading | None, index: tuple[int, ...]) -> Met | None:
     if reading is None:
         return None
-    *measured, predicted = (float(part[place]) for part in reading)
+    *measured, predicted = (float(part[index]) for part in reading)
     return met(name, Estimate(*measured), predicted)
 
 

@@ -258,9 +258,9 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
     centre = np.array([table[name].value for name in names])
     low, high = (np.array([table[name].bounds[i] for name in names]) for i in (0, 1))
     rng = np.random.default_rng(seed)
-    factor, kept, tried = factor_of(covariance), np.zeros((0, len(names))), 0
+    factor, retained, tried = factor_of(covariance), np.zeros((0, len(names))), 0
     room = 1e-9 * (high - low)
-    while len(kept) < count:
+    while len(retained) < count:
         tried += count
         if tried > _TIMES * count:
             raise SpecError(
@@ -269,9 +269,11 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
             )
         some = centre + rng.standard_normal((count, len(names))) @ factor.T
         inside = np.all((some >= low - room) & (some <= high + room), axis=1)
-        kept = np.concatenate([kept, some[inside]])
-    kept = np.clip(kept[:count], low, high)
-    return Draws(tuple(_moved(rig, names, row) for row in kept), names, kept, tuple(_remarks(rig, table, tried, count)))
+        retained = np.concatenate([retained, some[inside]])
+    retained = np.clip(retained[:count], low, high)
+    return Draws(
+        tuple(_moved(rig, names, row) for row in retained), names, retained, tuple(_remarks(rig, table, tried, count))
+    )
 
 
 def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]:
@@ -283,19 +285,19 @@ def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]
     before, after = dict(base.parameters()), dict(rig.parameters())
     known, old = base.calibration, [name for name, one in before.items() if one.interval90 is not None]
     names = dict.fromkeys((*old, *(known.parameters if known is not None else ())))
-    kept = [
+    retained = [
         name for name in names if (after[name].value, after[name].origin) == (before[name].value, before[name].origin)
     ]
-    intervals = {name: {"interval90": before[name].interval90} for name in kept}
+    intervals = {name: {"interval90": before[name].interval90} for name in retained}
     parts: dict[str, object] = {}
-    for part in {name.split(".")[0] for name in kept}:
+    for part in {name.split(".")[0] for name in retained}:
         mine = {name.split(".")[1]: row for name, row in intervals.items() if name.startswith(f"{part}.")}
         section = getattr(rig, part)
         parts[part] = section.model_copy(
             update={name: getattr(section, name).model_copy(update=row) for name, row in mine.items()}
         )
-    parts["calibration"] = None if known is None else known.only(kept)
-    certain = tuple(name for name in names if name not in kept and after[name].interval90 is None)
+    parts["calibration"] = None if known is None else known.only(retained)
+    certain = tuple(name for name in names if name not in retained and after[name].interval90 is None)
     return rig.model_copy(update=parts), certain
 
 
@@ -308,17 +310,17 @@ def factor_of(covariance: Array) -> Array:
 
 
 def _remarks(rig: RigSpec, table: dict[str, Parameter], tried: int, count: int) -> list[str]:
-    told = []
+    lines = []
     if rig.calibration is None:
-        told.append(
+        lines.append(
             "the rig has intervals but no [calibration] table, so its parameters were drawn independently and the "
             "bands are too wide where they are known better together; calibrate it anew"
         )
     fixed = [name for name, one in table.items() if one.origin == "assumed" and one.bounds[0] < one.bounds[1]]
-    told.append(f"{len(fixed)} assumed parameters are held at their values; the bands say nothing of them")
+    lines.append(f"{len(fixed)} assumed parameters are held at their values; the bands say nothing of them")
     if tried > 2 * count:
-        told.append("more than half of the draws lay outside the bounds of the parameters and were drawn again")
-    return told
+        lines.append("more than half of the draws lay outside the bounds of the parameters and were drawn again")
+    return lines
 
 
 def _moved(rig: RigSpec, names: tuple[str, ...], values: Array) -> RigSpec:

@@ -34,7 +34,7 @@ from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PAPER_TENDON, SERVOS
 from sinew.predict.linear import Gear, LinearJoint, StateSpace, linear_joints
-from sinew.predict.modes import Asked, Finder, across_of, out_of_plane
+from sinew.predict.modes import Finder, ModesRequest, across_of, out_of_plane
 from sinew.predict.predicted import refuse_pretensions
 from sinew.solve.programs import program
 from sinew.solve.spatial import Linear, Rest, linear_equations, patterns
@@ -145,11 +145,11 @@ def _given(linear: Linear, space: Space, omega: float, swing: float | None, give
         spring, loss = space.rod.joint.guides.fundamental(float(at.tension.sum()), np.asarray(swing))
         more += complex(float(spring) - linear.guides, float(loss)) * np.outer(at.by_torsion, at.by_torsion)
     if give is not None:
-        more -= omega**2 * np.outer(linear.lever_row, _given_way(linear, space, omega, give))
+        more -= omega**2 * np.outer(linear.lever_row, _lever_yield(linear, space, omega, give))
     return more
 
 
-def _given_way(linear: Linear, space: Space, omega: float, give: float) -> Complexes:
+def _lever_yield(linear: Linear, space: Space, omega: float, give: float) -> Complexes:
     """Return the lever's angle by the coordinates (18,) where its motor holds it in a command that stands still.
 
     Of the lever and the rotor, I_s θ¨ + m·x¨ = -Z θ with the motor's stiffness Z at an amplitude [rad].
@@ -191,7 +191,7 @@ def driven(
     for _ in range(_MOST_STEPS):
         given = give if held else None
         x = np.linalg.solve(holding + _given(linear, space, omega, torsion, given), force)
-        lever = complex(_given_way(linear, space, omega, give) @ x) if held else 0j
+        lever = complex(_lever_yield(linear, space, omega, give) @ x) if held else 0j
         before, torsion, give = (torsion, give), float(abs(seen.outputs[0] @ x)), abs(lever)
         if math.hypot(torsion - before[0], give - before[1]) <= _ENOUGH * torsion:
             break
@@ -247,8 +247,8 @@ def _basis(glassy: Array, held: Array, mass: Array, forces: Array, shapes: int) 
         return np.asarray(slow)
     few = np.column_stack([slow[:, :shapes], np.linalg.solve(held, forces)])
     size = few / np.sqrt(np.einsum("ij,ik,kj->j", few, mass, few))
-    left, kept, _ = np.linalg.svd(scipy.linalg.cholesky(mass) @ size, full_matrices=False)
-    good = left[:, kept > 1e-9 * kept[0]]
+    left, retained, _ = np.linalg.svd(scipy.linalg.cholesky(mass) @ size, full_matrices=False)
+    good = left[:, retained > 1e-9 * retained[0]]
     spanned = np.linalg.solve(scipy.linalg.cholesky(mass), good)
     turned = scipy.linalg.eigh(spanned.T @ glassy @ spanned)[1]
     return np.asarray(spanned @ turned)
@@ -265,7 +265,7 @@ def bent_joints(
 ) -> tuple[BentJoint, ...]:
     """Return the linear joint at each pretension [mm], its head bent. Raises SpecError where there is no such pose."""
     refuse_pretensions(rig, pretension_mm)
-    finder = Finder(rig, Asked(tuple(pretension_mm), (bend_deg,), azimuth_deg, mode))
+    finder = Finder(rig, ModesRequest(tuple(pretension_mm), (bend_deg,), azimuth_deg, mode))
     joints = []
     at = np.geomspace(*CHECKED_HZ, 60)
     for mm in pretension_mm:
@@ -317,11 +317,11 @@ class TransferFunctions(Result):
 
     def closing(self) -> list[str]:
         """Return the slowest poles in space, and what is left out."""
-        told = [
+        lines = [
             f"in space, at {one.pretension_mm:g} mm the slowest poles are {one.slowest()}" for one in self.space or ()
         ]
         first = self.joints[0]
-        return [f"- {one}" for one in (*told, *(f"at {first.pretension_mm:g} mm {note}" for note in first.notes))]
+        return [f"- {one}" for one in (*lines, *(f"at {first.pretension_mm:g} mm {note}" for note in first.notes))]
 
 
 def transfer_functions(
@@ -403,7 +403,7 @@ def driven_findings(
         can = np.array([servo_speed(rig, float(tension)) for tension in most])
         loose, tight, slow = int(np.argmin(least)), int(np.argmax(most)), int(np.argmax(speed / np.maximum(can, 1e-9)))
         follows = 1e3 * can[slow] / (omega * abs(pattern[slow])) if speed[slow] > 0 else math.inf
-        asked = f"{pose} at {pretension_mm:g} mm: {group.amplitude_mm:g} mm of cable at {group.frequency_hz:g} Hz"
+        question = f"{pose} at {pretension_mm:g} mm: {group.amplitude_mm:g} mm of cable at {group.frequency_hz:g} Hz"
         slack = f"leave tendon {loose + 1} {least[loose]:.0f} N of {at.tension[loose]:.0f} N, a bench drives taut ones"
         tense = f"pull tendon {tight + 1} with {most[tight]:.0f} N, the rig allows {limits.tension_n:g} N (tension_n)"
         leans = f"lean the head {tilt:.1f}° out of its pose, the rig allows {limits.tilt_deg:g}° (tilt_deg)"
@@ -415,7 +415,7 @@ def driven_findings(
             ("speed", speed[slow] - can[slow], f"{late}; lower amplitude_mm, or the frequency"),
         ):
             if excess > 0 and excess > worst.get(kind, (0.0, ""))[0]:
-                worst[kind] = (float(excess), f"{asked} {sentence}")
+                worst[kind] = (float(excess), f"{question} {sentence}")
     yield from (Finding("refuse", sentence) for _, sentence in worst.values())
 
 
@@ -430,8 +430,8 @@ def spinal_engine(
     """
     linear, space = finder.linear(pretension_mm, bend_deg)
     q = finder.at(pretension_mm, bend_deg).coordinates
-    if finder.asked.mode != "position":
-        raise SpecError(f"the tendons are in mode {finder.asked.mode}, expected position: else they cannot be driven")
+    if finder.request.mode != "position":
+        raise SpecError(f"the tendons are in mode {finder.request.mode}, expected position: else they cannot be driven")
     across = across_of(finder.direction)
     pattern = across @ patterns(space)[1:]
     limits = [

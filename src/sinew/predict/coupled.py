@@ -116,7 +116,7 @@ def _moved_slopes(prescribed: bool, primals: Any, tangents: Any) -> tuple[jax.Ar
     v, push, phase, omega, p = primals
     v_rate, push_rate, _, omega_rate, _ = tangents
 
-    def beside(step: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def both(step: jax.Array) -> tuple[jax.Array, jax.Array]:
         def by_push(push: jax.Array) -> tuple[jax.Array, jax.Array]:
             there = _accelerations(v + step[:-1], push, phase, omega + step[-1], p, prescribed)
             return there, there
@@ -125,7 +125,7 @@ def _moved_slopes(prescribed: bool, primals: Any, tangents: Any) -> tuple[jax.Ar
         return there, slopes
 
     steps = jnp.concatenate([jnp.zeros((1, v.size + 1)), _STEP * jnp.eye(v.size + 1)])
-    there, by_push = jax.lax.map(beside, steps)
+    there, by_push = jax.lax.map(both, steps)
     slopes = (there[1:] - there[0]).T / _STEP
     return there[0], slopes @ jnp.append(v_rate, omega_rate) + by_push[0] @ push_rate
 
@@ -226,14 +226,14 @@ def _shapes(linear: Linear, space: Space, q: Array, count: int, mirror: Array | 
         more = [_bent_by(torsion, sway, q, space), _bent_by(torsion, torsion, q, space)]
         for i, one in enumerate(more):
             side = min(i, len(found) - 1)
-            found[side] = np.column_stack([found[side], _beside(one, found[side], linear.mass)])
+            found[side] = np.column_stack([found[side], _orthogonal(one, found[side], linear.mass)])
     found[0] = np.column_stack([torsion, np.delete(found[0], most, axis=1)])
     modes = np.hstack(found) / twist[most]
     modes[:, 1:] -= np.outer(modes[:, 0], linear.around.by_torsion @ modes[:, 1:])
     return np.asarray(modes, dtype=np.float64)
 
 
-def _beside(shape: Array, others: Array, mass: Array) -> Array:
+def _orthogonal(shape: Array, others: Array, mass: Array) -> Array:
     """Return what a shape has beside others that are orthonormal by the mass, of unit mass (18,)."""
     for _ in range(2):
         shape = shape - others @ (others.T @ mass @ shape)
@@ -417,17 +417,17 @@ class Coupled(Followed):
 
     def of_tendons(self, limit_n: float) -> list[str]:
         """Return what is to be said of its sway and its tendons. limit_n: of a tension, by the rig."""
-        told, peak, sway = [], self.peak, self.sway_peak
+        lines, peak, sway = [], self.peak, self.sway_peak
         if sway is not None:
             size = f"{number(sway.tilt_in_plane_twice_deg, 3)}°"
-            told.append(f"the tilt in the plane at 2f is largest at {number(sway.frequency_hz, unit='Hz')}, {size}")
+            lines.append(f"the tilt in the plane at 2f is largest at {number(sway.frequency_hz, unit='Hz')}, {size}")
         if min(self.rest_tension_n) <= 0:
-            told.append("a tendon is slack at rest")
+            lines.append("a tendon is slack at rest")
         elif peak is not None and peak.tension_n[0] <= 0:
-            told.append("a tendon goes slack in the swing")
+            lines.append("a tendon goes slack in the swing")
         if peak is not None and peak.tension_n[1] > limit_n:
-            told.append(f"a tendon is pulled by {peak.tension_n[1]:.0f} N, the rig's limit is {limit_n:g} N")
-        return [f"- at {self.pretension_mm:g} mm {one}" for one in told]
+            lines.append(f"a tendon is pulled by {peak.tension_n[1]:.0f} N, the rig's limit is {limit_n:g} N")
+        return [f"- at {self.pretension_mm:g} mm {one}" for one in lines]
 
 
 def coupled_of(branch: Branch, problem: Problem, pose: Pose, pretension_mm: float, lane: int = 0) -> Coupled:
@@ -499,10 +499,10 @@ class PredictedBent(Result):
     def closing(self) -> list[str]:
         """Return what to know of the curves, and how good they are."""
         limit_n = self.spec.limits.tension_n
-        told = [line for one in self.curves for line in (*one.of_tendons(limit_n), *one.remarks())]
+        lines = [line for one in self.curves for line in (*one.of_tendons(limit_n), *one.remarks())]
         error = max((float(one.branch.error.max(initial=0.0)) for one in self.curves), default=0.0)
-        asked = f"{self.pose.words()}, command {self.amplitude_deg:g}°"
-        return [*told, f"{asked}; error estimate {error:.1e}; {SHAPES} of 18 shapes of the rod"]
+        question = f"{self.pose.words()}, command {self.amplitude_deg:g}°"
+        return [*lines, f"{question}; error estimate {error:.1e}; {SHAPES} of 18 shapes of the rod"]
 
 
 def predict_bent(
@@ -538,8 +538,8 @@ def predict_bent(
         (branch,) = predict_problem(problem, band_hz, resolution_of(problem)).branches
         curves.append(coupled_of(branch, problem, pose, mm))
     bend_deg, azimuth_deg = math.degrees(pose.bend_rad), math.degrees(pose.azimuth_rad)
-    asked = (bend_deg, azimuth_deg, amplitude_deg, mode, tuple(without), (band_hz[0], band_hz[1]))
-    return PredictedBent(made, pose, made.name, *asked, Rows(curves))
+    heading = (bend_deg, azimuth_deg, amplitude_deg, mode, tuple(without), (band_hz[0], band_hz[1]))
+    return PredictedBent(made, pose, made.name, *heading, Rows(curves))
 
 
 def resolution_of(problem: Problem) -> Resolution:

@@ -316,7 +316,7 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     data = base.model_dump()
     data["name"] = design.name or f"{base.name}, changed"
     _put_silicone(data, base, design)
-    told = f"designed; the rig {base.name} was the base"
+    sentence = f"designed; the rig {base.name} was the base"
     values = {
         "silicone.length": design.length,
         "silicone.loss_factor": design.loss_factor,
@@ -329,14 +329,14 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     }
     for name, value in values.items():
         if value is not None:
-            _put(data, name, value, told)
-    _put_head(data, design, told)
+            _put(data, name, value, sentence)
+    _put_head(data, design, sentence)
     if design.length is not None:
         span = base.tendons.free_span.value + design.length - base.silicone.length.value
-        _put(data, "tendons.free_span", span, f"{told}; it follows the silicone's length")
+        _put(data, "tendons.free_span", span, f"{sentence}; it follows the silicone's length")
         if design.section is None:
             # A calibrated diameter holds what the bonded ends do at its own length.
-            _put(data, "silicone.diameter", base.silicone.diameter.value, f"{told}; found at another length")
+            _put(data, "silicone.diameter", base.silicone.diameter.value, f"{sentence}; found at another length")
     if design.tendons is not None:
         data["tendons"]["count"] = design.tendons
         if design.tendons != base.tendons.count:
@@ -348,7 +348,7 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     return carried_over(base, rig)[0]
 
 
-def _put_head(data: dict[str, Any], design: Design, told: str) -> None:
+def _put_head(data: dict[str, Any], design: Design, sentence: str) -> None:
     """Write the head's centre and its moment across into a rig's data; a new head without one gets a cylinder's."""
     given = {"head_height": design.head_height, "head_across": design.head_across}
     if data["space"] is None:
@@ -357,12 +357,17 @@ def _put_head(data: dict[str, Any], design: Design, told: str) -> None:
         return
     for name, value in given.items():
         if value is not None:
-            _put(data, f"space.{name}", value, told)
+            _put(data, f"space.{name}", value, sentence)
     if design.head_across is None and not (design.head_inertia is None and design.head_height is None):
         space, inertia = data["space"], data["inertia"]
         mass = inertia["head_mass"]["value"] - space["lever_mass"]["value"]
         across = moment_across(inertia["head"]["value"], max(mass, 0.0), space["head_height"]["value"])
-        _put(data, "space.head_across", across, f"{told}; as of a cylinder on the plate with its centre at head_height")
+        _put(
+            data,
+            "space.head_across",
+            across,
+            f"{sentence}; as of a cylinder on the plate with its centre at head_height",
+        )
 
 
 def moment_across(along: float, mass: float, height: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.doubts import foretold
+from sinew.analysis.doubts import expected_text
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan
@@ -50,7 +50,7 @@ def held_preview(
     rests: dict[float, Rest] = {}
     found: list[Finding] = []
     for mm in plan.pretension.pretension_mm:
-        posed = pose.find_pose(rig, pose.Asked(mm, plan.rest_pose, plan.pretension.mode), outlook=False)
+        posed = pose.find_pose(rig, pose.PoseRequest(mm, plan.rest_pose, plan.pretension.mode), outlook=False)
         said = f"{plan.rest_pose.words()} at {mm:g} mm: "
         found += [Finding("refuse", said + one.sentence) for one in posed.findings if one.severity == "refuse"]
         if posed.rest is None:
@@ -84,11 +84,11 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     torsion, recording = foresee(plan, rig)
     torsion_deg, expected = np.degrees(torsion).tolist(), ""
     with suppress(RecordingError):  # nothing but rest, or groups too short to say anything
-        expected = foretold(analyse_recording(recording, rig))
+        expected = expected_text(analyse_recording(recording, rig))
     return check_plan(plan, rig, preview.tension_n, torsion_deg), expected
 
 
-def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
+def preview_document(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
     """Return the preview of a plan on a rig as JSON holds it."""
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
     tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=False)  # empty where not previewed

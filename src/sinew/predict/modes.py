@@ -49,7 +49,7 @@ _NOTHING = 1e-9
 Progress = Callable[[float, float], None]
 
 
-class FoundMode(NamedTuple):
+class SpaceMode(NamedTuple):
     """One mode. damping: Lehr's, for small swings. swung_hz, swung_damping: with guides that slip in the swing asked
     for. shares: of its energy, in the order of `SHARES`. torsion, tilt_in_plane, tilt_across: of the head, that
     across as `out_of_plane` reads it. shape: coordinates (18,) in which the largest rotation of the head is 1 rad."""
@@ -92,11 +92,11 @@ class PoseModes:
     bend_deg: float
     tension_n: Array
     taut: bool
-    modes: tuple[FoundMode, ...]
+    modes: tuple[SpaceMode, ...]
     coordinates: Array
     why_not: str = ""
 
-    def of(self, group: str) -> FoundMode | None:
+    def of(self, group: str) -> SpaceMode | None:
         """Return the slowest mode whose largest share is that group's; None where there is none."""
         return next((one for one in self.modes if one.group == group), None)
 
@@ -106,8 +106,8 @@ class PoseModes:
         return math.nan if found is None else found.frequency_hz
 
 
-class Asked(NamedTuple):
-    """What was asked: pretensions [mm], bends and their azimuth [deg], mode of the motors, swing of the head [deg]."""
+class ModesRequest(NamedTuple):
+    """What is sought: pretensions [mm], bends and their azimuth [deg], mode of the motors, swing of the head [deg]."""
 
     pretension_mm: tuple[float, ...]
     bend_deg: tuple[float, ...]
@@ -122,9 +122,9 @@ class Finder:
     nearby: the finder of a rig whose poses are a start.
     """
 
-    def __init__(self, rig: RigSpec, asked: Asked, nearby: "Finder | None" = None) -> None:
+    def __init__(self, rig: RigSpec, request: ModesRequest, nearby: "Finder | None" = None) -> None:
         configure()
-        self.asked, self.space = asked, space_from_rig(rig)
+        self.request, self.space = request, space_from_rig(rig)
         self.contact = rig.tendons.first_contact_tension.value
         self._nearby = nearby
         self._rests: dict[tuple[float, float], tuple[Space, Rest]] = {}
@@ -151,7 +151,7 @@ class Finder:
     @property
     def direction(self) -> Array:
         """Return the axis about y and z of frame B of a bend towards the azimuth, (2,)."""
-        return np.array(swing_of_bend(1.0, math.radians(self.asked.azimuth_deg)))
+        return np.array(swing_of_bend(1.0, math.radians(self.request.azimuth_deg)))
 
     def linear(self, pretension_mm: float, bend_deg: float) -> tuple[Linear, Space]:
         """Return (linear equations, parameters in the mode asked for) at a pose. Raises SpecError without one."""
@@ -163,7 +163,7 @@ class Finder:
                     f"found no stable pose at {key[0]:g} mm and {key[1]:g}°, expected one; bend less, or change the "
                     "pretension"
                 )
-            mode = TENDON_MODES[self.asked.mode]
+            mode = TENDON_MODES[self.request.mode]
             there = space if mode == POSITION else hold(space, pose, mode, 0 if mode == CURRENT else LIMIT_RESERVE_N)
             self._linear[key] = (linear_equations(pose.q, there), there)
         return self._linear[key]
@@ -173,30 +173,30 @@ class Finder:
         key = (float(pretension_mm), float(bend_deg))
         if key not in self._found:
             pose = self.rest(*key)[1]
-            found: tuple[FoundMode, ...] = ()
+            found: tuple[SpaceMode, ...] = ()
             why = ""
             try:
                 linear, space = self.linear(*key)
-                found = tuple(self._told(one, linear, space, bend_deg) for one in modes(linear, space, BELOW_HZ))
+                found = tuple(self._mode_of(one, linear, space, bend_deg) for one in modes(linear, space, BELOW_HZ))
             except SpecError as error:
                 why = str(error)
             self._found[key] = PoseModes(*key, pose.at.tension, pose.taut, found, pose.q, why)
         return self._found[key]
 
-    def _told(self, mode: Mode, linear: Linear, space: Space, bend_deg: float) -> FoundMode:
+    def _mode_of(self, mode: Mode, linear: Linear, space: Space, bend_deg: float) -> SpaceMode:
         omega = 2 * math.pi * mode.frequency_hz
         storage, _ = linear.stiffness(omega, space)
         shares = energy_shares(mode.shape, storage, self.direction)
         head = np.array([mode.torsion, *mode.tilt])
         size = float(np.linalg.norm(head))
         # The swing is of the head: its torsion is what the mode has of it.
-        amplitude = math.radians(self.asked.swing_deg) * abs(mode.torsion) / size
+        amplitude = math.radians(self.request.swing_deg) * abs(mode.torsion) / size
         spring, loss = space.rod.joint.guides.fundamental(float(linear.around.tension.sum()), np.asarray(amplitude))
         softer = omega**2 + (float(spring) - linear.guides) * mode.torsion**2
         damped = mode.damping * omega**2 + 0.5 * float(loss) * mode.torsion**2
         swung = math.sqrt(max(softer, 0.0))
         scaled = head * np.sign(head[np.argmax(np.abs(head))]) / size
-        return FoundMode(
+        return SpaceMode(
             mode.frequency_hz,
             mode.damping,
             swung / (2 * math.pi),
@@ -343,13 +343,13 @@ class Modes(Result):
         groups = ", ".join(SHARES).replace("_", " ")
         title = f"modes, the lever locked to the head; energy in {groups}; swing {self.swing_deg:g}°"
         table = Rows(mode for pose in self.poses for mode in pose.modes).table(title)
-        told = [
+        lines = [
             f"at {one.pretension_mm:g} mm and {one.bend_deg:g}° {one.why_not or 'a tendon is slack'}"
             for one in self.poses
             if one.why_not or not one.taut
         ]
-        told += [*self.assumptions, *self.draws.remarks]
-        return [*([table] if table else []), *(f"- {one}" for one in told)]
+        lines += [*self.assumptions, *self.draws.remarks]
+        return [*([table] if table else []), *(f"- {one}" for one in lines)]
 
 
 def _numbers(pose: PoseModes, index: int) -> Array:
@@ -373,8 +373,8 @@ def _pose_row(pose: PoseModes, off: Sequence[Sequence[Array]]) -> PoseRow:
             estimates[name] = Estimate(value, one.std, min(one.low, value), max(one.high, value))
         head = {name: getattr(mode, name) for name in ("torsion", "tilt_in_plane", "tilt_across")}
         shares = EnergyShares(*map(float, mode.shares))
-        place = (pose.pretension_mm, pose.bend_deg, mode.kind)
-        rows.append(ModeRow(*place, **estimates, energy_shares=shares, head=head))
+        position = (pose.pretension_mm, pose.bend_deg, mode.kind)
+        rows.append(ModeRow(*position, **estimates, energy_shares=shares, head=head))
     return PoseRow(pose.pretension_mm, pose.bend_deg, pose.tension_n, pose.taut, pose.why_not, Rows(rows))
 
 
@@ -442,7 +442,7 @@ def _matched(pose: PoseModes, other: PoseModes) -> list[int | None]:
     return found
 
 
-def _likeness(one: FoundMode, other: FoundMode) -> float:
+def _likeness(one: SpaceMode, other: SpaceMode) -> float:
     """Return how alike two modes are by their shares and the sequence of their shapes, 0 to 1."""
     a, b = one.shape / np.linalg.norm(one.shape), other.shape / np.linalg.norm(other.shape)
     return float(abs(a @ b) + one.shares @ other.shares)
@@ -469,28 +469,28 @@ def find_modes(
     Raises SpecError where the rig does not allow what is asked.
     """
     made = rig if isinstance(rig, RigSpec) else load_rig(rig)
-    asked = Asked(
+    request = ModesRequest(
         tuple(float(x) for x in np.atleast_1d(pretension_mm)),
         tuple(float(x) for x in np.atleast_1d(bend_deg)),
         azimuth_deg,
         mode,
         swing_deg,
     )
-    refuse_pretensions(made, asked.pretension_mm)
-    for angle in asked.bend_deg:
+    refuse_pretensions(made, request.pretension_mm)
+    for angle in request.bend_deg:
         if not 0 <= angle <= _LARGEST_BEND_DEG:
             raise SpecError(f"a bend is {angle:g}°, expected 0 to {_LARGEST_BEND_DEG:g}°; turn it with the azimuth")
     if bands == 1:
         raise SpecError("found 1 draw, expected none or at least 2, for an interval")
-    finder = Finder(made, asked)
-    nominal = tuple(finder.at(p, b) for b in asked.bend_deg for p in asked.pretension_mm)
+    finder = Finder(made, request)
+    nominal = tuple(finder.at(p, b) for b in request.bend_deg for p in request.pretension_mm)
     low, high = made.limits.pretension_mm
     scan = np.linspace(low, high, max(3, round((high - low) / _SCAN_MM) + 1)).tolist()
-    scanned = {b: tuple(finder.at(p, b) for p in scan) for b in asked.bend_deg}
+    scanned = {b: tuple(finder.at(p, b) for p in scan) for b in request.bend_deg}
     rigs, names, remarks = draw_spatial(made, bands, seed) if bands else ([], (), ())
     off: list[list[list[Array]]] = [[[] for _ in pose.modes] for pose in nominal]
     for done, rig_drawn in enumerate(rigs):
-        drawn = Finder(rig_drawn, asked, finder)
+        drawn = Finder(rig_drawn, request, finder)
         for pose, deviations in zip(nominal, off, strict=True):
             there = drawn.at(pose.pretension_mm, pose.bend_deg)
             for i, j in enumerate(_matched(pose, there)):

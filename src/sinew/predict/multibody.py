@@ -34,7 +34,7 @@ from sinew.mechanics.silicone import axial_stiffness, branch_stiffness, relaxati
 from sinew.mechanics.space import Space
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec, moments_of
-from sinew.predict.modes import Asked, Finder
+from sinew.predict.modes import Finder, ModesRequest
 from sinew.predict.pose import guides_of, sections_at, strains_at
 from sinew.predict.predicted import refuse_pretensions
 from sinew.solve.rest import FreeSwing, SwingSprings, swing_springs
@@ -62,7 +62,7 @@ class Link(NamedTuple):
     the body.
     """
 
-    place: Array
+    position: Array
     turned: Array
     strains: tuple[str, ...]
     stiffness: Array
@@ -114,17 +114,17 @@ class Bodies(NamedTuple):
     modes: dict[str, tuple[float, float]]
 
 
-def joint_bodies(rig: RigSpec, asked: Asked, pieces: int = PIECES, *, sway: bool = True) -> Bodies:
+def joint_bodies(rig: RigSpec, request: ModesRequest, pieces: int = PIECES, *, sway: bool = True) -> Bodies:
     """Return a rig's joint as bodies on springs, at the first pretension and bend that are asked; see `export_model`
     for the others."""
-    (pretension_mm, *_), (bend_deg, *_), _, mode, swing_deg = asked
+    (pretension_mm, *_), (bend_deg, *_), _, mode, swing_deg = request
     refuse_pretensions(rig, [pretension_mm])
     if not 1 <= pieces <= _MOST_PIECES:
         raise SpecError(f"found {pieces} pieces of silicone, expected 1 to {_MOST_PIECES}")
     if not 0 < swing_deg <= 90:
         raise SpecError(f"found a swing of {swing_deg:g}°, expected more than 0 and at most 90°")
     if sway:
-        return _in_space(rig, asked, pieces)
+        return _in_space(rig, request, pieces)
     if bend_deg:
         raise SpecError(f"found a bend of {bend_deg:g}° of a joint that does not sway, expected none; leave one out")
     return _upright(rig, pretension_mm, mode, math.radians(swing_deg))
@@ -184,7 +184,7 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
     directions = np.array([[0.0, float(c), float(s)] for c, s in p.guide_directions])
     gap = np.array([float(p.free_span) - length, 0.0, 0.0])
     link = Link(
-        place=plate,
+        position=plate,
         turned=np.eye(3),
         strains=("twist", "stretch"),
         stiffness=np.array([float(springs.silicone), axial]),
@@ -219,14 +219,14 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
 
 def _upward(plate: Array, directions: Array, gap: Array, p: Parameters) -> float:
     """Return the share of the tendons' tension that presses the silicone: the cosine of their slope."""
-    way = plate + gap + (float(p.head_radius) - float(p.base_radius)) * directions[0]
-    return float(way[0] / np.linalg.norm(way))
+    travel = plate + gap + (float(p.head_radius) - float(p.base_radius)) * directions[0]
+    return float(travel[0] / np.linalg.norm(travel))
 
 
-def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
+def _in_space(rig: RigSpec, request: ModesRequest, pieces: int) -> Bodies:
     """Return the joint that twists, bends, shears and sinks, cut into pieces, at a rest pose."""
-    finder = Finder(rig, asked)
-    pretension_mm, bend_deg = asked.pretension_mm[0], asked.bend_deg[0]
+    finder = Finder(rig, request)
+    pretension_mm, bend_deg = request.pretension_mm[0], request.bend_deg[0]
     linear, space = finder.linear(pretension_mm, bend_deg)
     found = finder.at(pretension_mm, bend_deg)
     q, joint, tension = found.coordinates, space.rod.joint, np.asarray(found.tension_n)
@@ -236,7 +236,7 @@ def _in_space(rig: RigSpec, asked: Asked, pieces: int) -> Bodies:
             f"no torsional mode was found at {pretension_mm:g} mm and {bend_deg:g}°, expected one; {found.why_not}"
         )
     sways = [mode for group in ("in_plane", "across") if (mode := found.of(group)) is not None]
-    swing = math.radians(asked.swing_deg)
+    swing = math.radians(request.swing_deg)
     straight, swung = _free(rig, pretension_mm, float(joint.mode), swing)
     small, still = _free(rig, pretension_mm, float(joint.mode), _SMALL)
     torsion_hz = torsion.frequency_hz * float(straight.natural_frequency_hz / small.natural_frequency_hz)
@@ -336,7 +336,7 @@ def _waypoints(bodies: Bodies) -> list[Array]:
     if not bodies.channel:
         return []
     arms = 0.5 * (bodies.feet + bodies.guides) * np.array([0.0, 1.0, 1.0])
-    return [link.place + arms @ link.turned.T for link in bodies.links]
+    return [link.position + arms @ link.turned.T for link in bodies.links]
 
 
 def _tendon_lengths(bodies: Bodies) -> Array:
@@ -370,8 +370,8 @@ def _sites(name: str, points: Array) -> str:
     return "".join(f'<site name="{name}{i + 1}" pos="{_text(*point)}"/>' for i, point in enumerate(points))
 
 
-def _inertial(place: Sequence[float] | Array, mass: float, moments: str) -> str:
-    return f'<inertial pos="{_text(*place)}" mass="{_text(mass)}" diaginertia="{moments}"/>'
+def _inertial(position: Sequence[float] | Array, mass: float, moments: str) -> str:
+    return f'<inertial pos="{_text(*position)}" mass="{_text(mass)}" diaginertia="{moments}"/>'
 
 
 def _joint(strain: str, index: int, stiffness: float, stress: float) -> str:
@@ -456,33 +456,33 @@ _OF_GUIDES = "Friction of the guides on the head's torsion: spring and loss of i
 
 def _chain_text(bodies: Bodies) -> str:
     """Return the pieces of the silicone within each other, the head on the last."""
-    opened, place, turned = [], np.zeros(3), np.eye(3)
+    opened, position, turned = [], np.zeros(3), np.eye(3)
     passed = _waypoints(bodies)
     for i, link in enumerate(bodies.links):
-        frame = f'pos="{_text(*(turned.T @ (link.place - place)))}" quat="{_quaternion(turned.T @ link.turned)}"'
+        frame = f'pos="{_text(*(turned.T @ (link.position - position)))}" quat="{_quaternion(turned.T @ link.turned)}"'
         parts = [f'<body name="core{i}" {frame}>']
         # Slides in the section below, then hinges.
         springs = sorted(zip(link.strains, link.stiffness, link.stress, strict=True), key=lambda one: _is_hinge(one[0]))
         parts += [_joint(strain, i, stiffness, stress) for strain, stiffness, stress in springs]
-        above = bodies.links[i + 1].place if i + 1 < len(bodies.links) else bodies.plate
+        above = bodies.links[i + 1].position if i + 1 < len(bodies.links) else bodies.plate
         if link.mass > 0:
-            parts.append(_inertial(link.turned.T @ (link.centre - link.place), link.mass, _exact(*link.tensor)))
-            reach = _text(0, 0, 0, *(link.turned.T @ (above - link.place)))
+            parts.append(_inertial(link.turned.T @ (link.centre - link.position), link.mass, _exact(*link.tensor)))
+            reach = _text(0, 0, 0, *(link.turned.T @ (above - link.position)))
             parts.append(f'<geom type="cylinder" fromto="{reach}" size="{_text(bodies.radius)}"/>')
         if passed:
-            parts.append(_sites(f"core{i}_", (passed[i] - link.place) @ link.turned))
+            parts.append(_sites(f"core{i}_", (passed[i] - link.position) @ link.turned))
         opened.append("".join(parts))
-        place, turned = link.place, link.turned
-    return "".join(opened) + _head(place, turned, bodies) + "</body>" * len(opened)
+        position, turned = link.position, link.turned
+    return "".join(opened) + _head(position, turned, bodies) + "</body>" * len(opened)
 
 
 def _is_hinge(strain: str) -> bool:
     return STRAINS.index(strain) < 3
 
 
-def _head(place: Array, turned: Array, bodies: Bodies) -> str:
+def _head(position: Array, turned: Array, bodies: Bodies) -> str:
     """Return the head plate, its board and the lever on it, whose arms lie along y."""
-    frame = f'pos="{_text(*(turned.T @ (bodies.plate - place)))}" quat="{_quaternion(turned.T @ bodies.turned)}"'
+    frame = f'pos="{_text(*(turned.T @ (bodies.plate - position)))}" quat="{_quaternion(turned.T @ bodies.turned)}"'
     joint, (mass, height, tensor) = bodies.joint, bodies.lever
     arm, dark, red = math.sqrt(float(tensor[0]) / mass), 'rgba="0.3 0.3 0.3 1"', 'rgba="0.7 0.35 0.2 1"'
     drive = f'armature="{_text(joint.armature)}" damping="{_text(joint.speed_slope)}"'
@@ -532,7 +532,7 @@ def _actuators(bodies: Bodies) -> str:
     joint = bodies.joint
     k, held = float(joint.stiffness), np.broadcast_to(np.asarray(joint.held_tension, dtype=float), bodies.tension.shape)
     by_current = float(joint.mode) == CURRENT
-    told = (
+    sentence = (
         "Motors that hold currents: they pull by a tension, whatever the length. Control: more tension [N]."
         if by_current
         else "Motors that hold positions: cable and servo in series are one spring, slack beyond its rest length. "
@@ -548,7 +548,7 @@ def _actuators(bodies: Bodies) -> str:
     most = duty * float(joint.duty_limit)
     loop = f'kp="{_text(float(joint.position_gain) * duty)}" forcerange="{_text(-most, most)}"'
     return f"""<actuator>
-  {_remark(told)}
+  {_remark(sentence)}
   {"".join(motors)}
   {_remark("The drive's position loop with its limit of duty. Control: angle of the lever [rad].")}
   <position name="drive" joint="lever" {loop}/>
@@ -610,8 +610,8 @@ def export_model(
     file = as_path(path)
     if file.suffix not in ENDINGS:
         raise SpecError(f"the model's name is {file}, expected one that ends with {', '.join(ENDINGS)}")
-    asked = Asked((pretension_mm,), (bend_deg,), azimuth_deg, mode, swing_deg)
-    bodies = joint_bodies(rig, asked, pieces, sway=sway)
+    request = ModesRequest((pretension_mm,), (bend_deg,), azimuth_deg, mode, swing_deg)
+    bodies = joint_bodies(rig, request, pieces, sway=sway)
     pose = f", bent by {bend_deg:g} deg towards {azimuth_deg:g} deg" if bend_deg else ""
     heading = [
         f"Rig {rig.name} at {pretension_mm:g} mm of pretension{pose}, motors in mode {mode}. Sinew {__version__}, SI.",

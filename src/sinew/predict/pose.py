@@ -48,7 +48,7 @@ _PRETENSION_STEP, _LEAST_STEP = 4e-3, 2e-4
 _CHORD_POINTS = np.linspace(0.0, 1.0, 41)
 
 
-class Asked(NamedTuple):
+class PoseRequest(NamedTuple):
     """What is asked of the tendons of a rig: to hold a pose at a pretension, or take-ups or tensions of their own.
 
     mode: of the motors. take_up_mm: of each tendon from first contact; tension_n: that the currents hold. Where one of
@@ -110,8 +110,8 @@ class Shape(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class AskedFor(Result):
-    """What was asked, None of what was not; see `Asked`."""
+class RequestedPose(Result):
+    """What was asked, None of what was not; see `PoseRequest`."""
 
     pretension_mm: Annotated[float | None, Field("pretension")]
     bend_deg: Annotated[float | None, Field("bend")]
@@ -177,14 +177,14 @@ class Posed(Result):
     """
 
     spec: RigSpec
-    request: Asked
+    request: PoseRequest
     space: Space
     rest: Rest | None
     shape: Shape | None
     coordinates: Array | None
     rig: Annotated[str, Field("", "detail")]
     mode: Annotated[str, Field("", "detail")]
-    asked: Annotated[AskedFor, Field("", "detail")]
+    requested: Annotated[RequestedPose, Field("", "detail")]
     ok: Annotated[bool, Field("", "detail")]
     found: Annotated[bool, Field("", "detail")]
     pose: Annotated[HeadPose | None, Field("")]
@@ -200,27 +200,27 @@ class Posed(Result):
 
     def closing(self) -> list[str]:
         """Return how far the joint may go, and what speaks against the pose."""
-        told = [self.heading()]
+        lines = [self.heading()]
         if self.pose is not None:
-            told.append(f"head at {', '.join(fixed(x, 1) for x in self.pose.head_mm)} mm (x, y, z)")
+            lines.append(f"head at {', '.join(fixed(x, 1) for x in self.pose.head_mm)} mm (x, y, z)")
         if self.found and self.slack is not None:
-            told.append(
+            lines.append(
                 f"on the way to this azimuth tendon {self.slack.tendon} goes slack from a bend of "
                 f"{fixed(self.slack.bend_deg, 1)}° on"
             )
         if self.found and self.buckling is not None and self.buckling.pretension_mm is not None:
-            told.append(
+            lines.append(
                 f"the pose would buckle at {fixed(self.buckling.pretension_mm, 1)} mm of pretension, where the tendons "
                 f"press with {number(self.buckling.load_n)} N"
             )
         elif self.found and self.buckling is not None:
-            told.append(
+            lines.append(
                 f"it does not buckle up to {self.buckling.up_to_mm:g} mm of pretension, as far as it was followed"
             )
-        return told + [f"- {'' if one.severity == 'warn' else 'refused: '}{one.sentence}" for one in self.findings]
+        return lines + [f"- {'' if one.severity == 'warn' else 'refused: '}{one.sentence}" for one in self.findings]
 
 
-def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
+def find_pose(rig: RigSpec, requested: PoseRequest, *, outlook: bool = True) -> Posed:
     """Return where a rig's joint rests, and what speaks against it.
 
     outlook: look for the bend from which on a tendon is slack, and for the pretension that makes the pose buckle.
@@ -235,42 +235,42 @@ def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
     >>> bool(find_pose(sn.load_rig("paper"), asked, outlook=False).rest.taut)
     True
     """
-    _check(rig, asked)
+    _check(rig, requested)
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
-    there, found, why = _rest_of(space, contact, asked)
+    there, found, why = _rest_of(space, contact, requested)
     slack = buckling = None
-    if outlook and asked.wants_tilt:
-        slack = slack_bend(space, contact, asked)
-        buckling = buckling_pretension(space, contact, asked, rig.limits.tendon_travel_mm[1])
-    bend_deg, azimuth_deg = asked.pose.bend_and_azimuth_deg
+    if outlook and requested.wants_tilt:
+        slack = slack_bend(space, contact, requested)
+        buckling = buckling_pretension(space, contact, requested, rig.limits.tendon_travel_mm[1])
+    bend_deg, azimuth_deg = requested.pose.bend_and_azimuth_deg
     shape = pose = margins = None
     tendons: list[TendonRow] = []
     if found is None or why:
-        findings = [Finding("refuse", why), *_asked_findings(rig, asked)]
+        findings = [Finding("refuse", why), *_request_findings(rig, requested)]
     else:
         shape = shape_of(found.q, there)
         pose, tendons = _head_pose(found, shape), _tendon_rows(found, there, rig)
         strain = surface_strain(found.q, there, rig)
         pulls = found.at.tension
         margins = Margins(found.softest, rig.limits.tension_n - float(np.max(pulls)), float(np.min(pulls)), strain)
-        findings = [*_asked_findings(rig, asked), *_findings(rig, found, tendons, strain, slack)]
+        findings = [*_request_findings(rig, requested), *_findings(rig, found, tendons, strain, slack)]
         findings += _chord_findings(rig, there, tendons)
     return Posed(
         rig,
-        asked,
+        requested,
         there,
         None if why else found,
         shape,
         None if found is None else found.q,
         rig.name,
-        asked.mode,
-        AskedFor(
-            asked.pretension_mm if asked.wants_tilt else None,
-            bend_deg if asked.wants_tilt else None,
-            azimuth_deg if asked.wants_tilt else None,
-            asked.take_up_mm,
-            asked.tension_n,
+        requested.mode,
+        RequestedPose(
+            requested.pretension_mm if requested.wants_tilt else None,
+            bend_deg if requested.wants_tilt else None,
+            azimuth_deg if requested.wants_tilt else None,
+            requested.take_up_mm,
+            requested.tension_n,
         ),
         not any(one.severity == "refuse" for one in findings),
         pose is not None,
@@ -307,75 +307,78 @@ def _tendon_rows(found: Rest, space: Space, rig: RigSpec) -> list[TendonRow]:
     ]
 
 
-def _check(rig: RigSpec, asked: Asked) -> None:
-    if asked.mode not in TENDON_MODES:
-        raise SpecError(f"found the mode {asked.mode!r}, expected one of {', '.join(TENDON_MODES)}")
-    if not 0 <= asked.pretension_mm <= 100:
-        raise SpecError(f"found a pretension of {asked.pretension_mm:g} mm, expected 0 to 100: cables cannot push")
-    for name, values in (("take-ups", asked.take_up_mm), ("tensions", asked.tension_n)):
+def _check(rig: RigSpec, requested: PoseRequest) -> None:
+    if requested.mode not in TENDON_MODES:
+        raise SpecError(f"found the mode {requested.mode!r}, expected one of {', '.join(TENDON_MODES)}")
+    if not 0 <= requested.pretension_mm <= 100:
+        raise SpecError(f"found a pretension of {requested.pretension_mm:g} mm, expected 0 to 100: cables cannot push")
+    for name, values in (("take-ups", requested.take_up_mm), ("tensions", requested.tension_n)):
         if values is not None and len(values) != rig.tendons.count:
             raise SpecError(f"found {len(values)} {name}, expected one for each of {rig.tendons.count} tendons")
-    by_current = asked.mode == "current"
-    if asked.take_up_mm is not None and (by_current or asked.tension_n is not None):
+    by_current = requested.mode == "current"
+    if requested.take_up_mm is not None and (by_current or requested.tension_n is not None):
         raise SpecError("found take-ups of motors that hold currents, which follow; give the tensions that they hold")
-    if asked.tension_n is not None and not by_current:
+    if requested.tension_n is not None and not by_current:
         raise SpecError("found tensions of motors that hold positions; give take-ups, or the mode current")
-    if asked.tension_n is not None and max(asked.tension_n) > _MOST_N:
-        raise SpecError(f"found a tension of {max(asked.tension_n):g} N, expected 0 to {_MOST_N:g} N; look at its unit")
-    if asked.take_up_mm is not None and max(map(abs, asked.take_up_mm)) > _MOST_MM:
-        far = max(asked.take_up_mm, key=abs)
+    if requested.tension_n is not None and max(requested.tension_n) > _MOST_N:
+        raise SpecError(
+            f"found a tension of {max(requested.tension_n):g} N, expected 0 to {_MOST_N:g} N; look at its unit"
+        )
+    if requested.take_up_mm is not None and max(map(abs, requested.take_up_mm)) > _MOST_MM:
+        far = max(requested.take_up_mm, key=abs)
         raise SpecError(f"found a take-up of {far:g} mm, expected -{_MOST_MM:g} to {_MOST_MM:g} mm; look at its unit")
-    if asked.tension_n is not None and min(asked.tension_n) < 0:
-        raise SpecError(f"found a tension of {min(asked.tension_n):g} N, expected zero or more: cables cannot push")
+    if requested.tension_n is not None and min(requested.tension_n) < 0:
+        raise SpecError(f"found a tension of {min(requested.tension_n):g} N, expected zero or more: cables cannot push")
 
 
-def _rest_of(space: Space, contact: float, asked: Asked) -> tuple[Space, Rest | None, str]:
+def _rest_of(space: Space, contact: float, requested: PoseRequest) -> tuple[Space, Rest | None, str]:
     """Return (parameters, rest or None, why it is refused); one that is found and does not stay comes with a why."""
-    if asked.tension_n is not None:
-        there, found = rest_by_tension(space, contact, np.array(asked.tension_n))
-    elif asked.take_up_mm is not None:
-        there, found = rest(space, contact, 1e-3 * np.array(asked.take_up_mm))
-    elif asked.mode == "current":
-        there, by_current = bend_by_tension(space, contact, 1e-3 * asked.pretension_mm, asked.swing)
+    if requested.tension_n is not None:
+        there, found = rest_by_tension(space, contact, np.array(requested.tension_n))
+    elif requested.take_up_mm is not None:
+        there, found = rest(space, contact, 1e-3 * np.array(requested.take_up_mm))
+    elif requested.mode == "current":
+        there, by_current = bend_by_tension(space, contact, 1e-3 * requested.pretension_mm, requested.swing)
         if by_current is None:
-            return there, None, f"no tensions were found that hold {asked.words()}"
+            return there, None, f"no tensions were found that hold {requested.words()}"
         if (lowest := float(np.min(by_current.at.tension))) < 0:
             tendon = int(np.argmin(by_current.at.tension)) + 1
             return (
                 there,
                 None,
-                f"tendon {tendon} would have to push with {-lowest:.1f} N for {asked.words()}, which no current does; "
-                "raise the pretension, bend less, or hold positions",
+                f"tendon {tendon} would have to push with {-lowest:.1f} N for {requested.words()}, which no current "
+                "does; raise the pretension, bend less, or hold positions",
             )
         found = by_current
     else:
-        there, found = bend(space, contact, 1e-3 * asked.pretension_mm, asked.swing)
+        there, found = bend(space, contact, 1e-3 * requested.pretension_mm, requested.swing)
     if not found.reached or found.residual >= 1e-7:
         why = (
             "the tendons do not bend the joint that far"
-            if asked.wants_tilt
+            if requested.wants_tilt
             else "under them the joint folds up, or nothing in it holds the head; pull less"
         )
-        return there, None, f"no rest pose was found for {asked.words()}; {why}"
+        return there, None, f"no rest pose was found for {requested.words()}; {why}"
     if found.softest <= 0:
-        held = "currents" if asked.mode == "current" else "positions"
+        held = "currents" if requested.mode == "current" else "positions"
         return (
             there,
             found,
-            f"the joint does not stay in {asked.words()} where the motors hold {held}: it buckles (stiffness of the "
-            f"softest way out {found.softest:.2g} of the unloaded silicone's); lower the pretension",
+            f"the joint does not stay in {requested.words()} where the motors hold {held}: it buckles (stiffness of "
+            f"the softest way out {found.softest:.2g} of the unloaded silicone's); lower the pretension",
         )
-    if asked.mode == "position-with-current-limit":
-        there = hold(there, found, TENDON_MODES[asked.mode], LIMIT_RESERVE_N)
+    if requested.mode == "position-with-current-limit":
+        there = hold(there, found, TENDON_MODES[requested.mode], LIMIT_RESERVE_N)
         found = rest_at(there, found.q, found.take_up + there.cable_end)
     return there, found, ""
 
 
-def _asked_findings(rig: RigSpec, asked: Asked) -> Iterator[Finding]:
+def _request_findings(rig: RigSpec, requested: PoseRequest) -> Iterator[Finding]:
     low, high = rig.limits.pretension_mm
-    if asked.wants_tilt and not low <= asked.pretension_mm <= high:
+    if requested.wants_tilt and not low <= requested.pretension_mm <= high:
         yield Finding(
-            "refuse", f"the pretension is {asked.pretension_mm:g} mm, the rig allows {low:g} to {high:g} mm; change it"
+            "refuse",
+            f"the pretension is {requested.pretension_mm:g} mm, the rig allows {low:g} to {high:g} mm; change it",
         )
 
 
@@ -542,26 +545,26 @@ def surface_strain(q: Array, space: Space, rig: RigSpec) -> float:
 # How far the joint may go.
 
 
-def slack_bend(space: Space, contact: float, asked: Asked) -> Slack | None:
+def slack_bend(space: Space, contact: float, requested: PoseRequest) -> Slack | None:
     """Return where the first tendon goes slack as the joint bends towards an azimuth at a pretension; None where none
     does up to `FURTHEST_DEG`. Motors that hold currents: where the first would have to push."""
-    way = Way.begin(space, contact, 1e-3 * asked.pretension_mm, asked.mode)
-    direction = np.array(swing_of_bend(1.0, asked.pose.azimuth_rad))
+    path = PosePath.begin(space, contact, 1e-3 * requested.pretension_mm, requested.mode)
+    direction = np.array(swing_of_bend(1.0, requested.pose.azimuth_rad))
 
     def lowest(bend_rad: float) -> float:
-        pull = way.pull(bend_rad * direction)
+        pull = path.pull(bend_rad * direction)
         return math.nan if pull is None else float(np.min(pull))
 
     low, at_low = 0.0, lowest(0.0)
     if not at_low > 0:
-        return Slack(0.0, way.tendon) if at_low <= 0 else None
+        return Slack(0.0, path.tendon) if at_low <= 0 else None
     for high in np.arange(_BEND_STEP, math.radians(FURTHEST_DEG) + 1e-9, _BEND_STEP):
         at_high = lowest(float(high))
         if math.isnan(at_high):
             return None
         if at_high <= 0:
             found = brentq(lowest, low, float(high), xtol=1e-5)
-            return Slack(math.degrees(found), way.tendon)
+            return Slack(math.degrees(found), path.tendon)
         low = float(high)
     return None
 
@@ -585,7 +588,7 @@ def pulls_of(spans: Array, there: Space) -> Array:
 
 
 @dataclass
-class Way:
+class PosePath:
     """Poses one beside the other, each found from the last: by the tilt, for one setting of the motors. tendon: from 1,
     which pulls least at the last of them."""
 
@@ -595,7 +598,7 @@ class Way:
     tendon: int = 0
 
     @classmethod
-    def begin(cls, space: Space, contact: float, pretension: float, mode: str) -> "Way":
+    def begin(cls, space: Space, contact: float, pretension: float, mode: str) -> "PosePath":
         """Return the way that begins straight, at a pretension [m]."""
         there, found = upright(space, contact, pretension, mode)
         return cls(there, found.q, np.zeros(2))
@@ -611,21 +614,21 @@ class Way:
         return pull
 
 
-def buckling_pretension(space: Space, contact: float, asked: Asked, up_to_mm: float) -> Buckling | None:
+def buckling_pretension(space: Space, contact: float, requested: PoseRequest, up_to_mm: float) -> Buckling | None:
     """Return where a tilt stops being stable as the pretension rises, with the motors in their mode.
 
-    The pose is followed by position, stable or not, from the pretension that is asked: upwards where it is stable
+    The pose is followed by position, stable or not, from the pretension that is requested: upwards where it is stable
     there, else downwards. Currents hold its tensions. None where it cannot be followed.
     """
     ends, held = first_contact(space, contact)[1], in_mode(space, POSITION)
-    pattern, mode = patterns(space)[1:], TENDON_MODES[asked.mode]
-    begin = 1e-3 * asked.pretension_mm
-    first = bend(space, contact, begin, asked.swing)[1]
+    pattern, mode = patterns(space)[1:], TENDON_MODES[requested.mode]
+    begin = 1e-3 * requested.pretension_mm
+    first = bend(space, contact, begin, requested.swing)[1]
     start = (first.q, np.asarray(np.linalg.lstsq(pattern.T, first.take_up - begin, rcond=None)[0], dtype=float))
 
     def pose_at(pretension: float, known: tuple[Array, Array]) -> tuple[float, float, tuple[Array, Array]] | None:
         there = held._replace(cable_end=ends - pretension)
-        found = steer(there, asked.swing, *known, enough=1e-7)
+        found = steer(there, requested.swing, *known, enough=1e-7)
         if found is None:
             return None
         at_rest = rest_at(set_across(there, found.across), found.q, ends)
@@ -637,21 +640,21 @@ def buckling_pretension(space: Space, contact: float, asked: Asked, up_to_mm: fl
     if here is None:
         return None
     upwards = here[0] > 0
-    way, size = (1 if upwards else -1), _PRETENSION_STEP
+    path, size = (1 if upwards else -1), _PRETENSION_STEP
     pretension, most = begin, 1e-3 * up_to_mm
-    while 0 <= pretension + way * size <= most + 1e-9:
-        after = pose_at(pretension + way * size, here[2])
+    while 0 <= pretension + path * size <= most + 1e-9:
+        after = pose_at(pretension + path * size, here[2])
         if after is None:  # let go so far at once, all tendons are slack where Newton's method begins
             size /= 2
             if size < _LEAST_STEP:
                 break
             continue
         if (after[0] > 0) != upwards:
-            known = (pose_at, pretension, way * size, here[2])
-            found_at = pretension + way * size * brentq(_stiffness_along, 0.0, 1.0, known, xtol=1e-3)
+            known = (pose_at, pretension, path * size, here[2])
+            found_at = pretension + path * size * brentq(_stiffness_along, 0.0, 1.0, known, xtol=1e-3)
             at_limit = pose_at(found_at, here[2])
             return Buckling(1e3 * found_at, None if at_limit is None else at_limit[1], up_to_mm)
-        pretension, here = pretension + way * size, after
+        pretension, here = pretension + path * size, after
     return Buckling(None, None, round(1e3 * pretension, 6)) if upwards else None
 
 

@@ -31,7 +31,7 @@ from sinew.solve.programs import configure, use_all_cores
 from sinew.twin.parameters import Effects
 
 
-class RigAsked(NamedTuple):
+class PredictionRequest(NamedTuple):
     """What is asked of a rig: pretensions [mm], amplitude of the command [deg], mode of the motors, effects of the
     twin that are off, and band [Hz]."""
 
@@ -89,11 +89,11 @@ class Followed(Result):
 
     def remarks(self) -> list[str]:
         """Return what the curve did not reach, and how much of it is not stable."""
-        told = [] if self.complete and "not" not in self.message else [self.message]
+        lines = [] if self.complete and "not" not in self.message else [self.message]
         if unstable := int(np.sum(~self.stable)):
-            told.append(f"{unstable} of {self.stable.size} points are not stable")
+            lines.append(f"{unstable} of {self.stable.size} points are not stable")
         at = "" if self.pretension_mm is None else f"at {self.pretension_mm:g} mm "
-        return [f"- {at}{one}" for one in told]
+        return [f"- {at}{one}" for one in lines]
 
 
 def followed(branch: Branch, pretension_mm: float | None) -> Followed:
@@ -265,9 +265,9 @@ class Steady(Result):
 
     def closing(self) -> list[str]:
         """Return what curves and backbones did not reach, and how good they are."""
-        told = [line for one in (*self.branches, *(self.backbone or ())) for line in one.remarks()]
+        lines = [line for one in (*self.branches, *(self.backbone or ())) for line in one.remarks()]
         error = f"error estimate {self.error_estimate:.1e}, {self.wall_s * 1e3:.0f} ms"
-        return [*told, f"{self.harmonics} harmonics, {error}"]
+        return [*lines, f"{self.harmonics} harmonics, {error}"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -280,7 +280,7 @@ class Predicted(Steady):
 
     rig: Annotated[str, Field("", "detail")]
     spec: RigSpec
-    asked: RigAsked
+    request: PredictionRequest
     problem: Problem
     validity: Annotated[Rows[Check], Field("", "detail")]
     bands: Annotated[Rows[BandResult] | None, Field("90 % intervals from draws of the rig")] = None
@@ -295,8 +295,8 @@ class Predicted(Steady):
 
     def closing(self) -> list[str]:
         """Return what each assumption is worth, and what to know of curves and draws."""
-        told = [one.line() for one in self.validity]
-        return [*told, *(f"- {one}" for one in (self.draws.remarks if self.draws else ())), *super().closing()]
+        lines = [one.line() for one in self.validity]
+        return [*lines, *(f"- {one}" for one in (self.draws.remarks if self.draws else ())), *super().closing()]
 
 
 def _steady(prediction: Prediction, pretensions: Sequence[float | None], command_deg: float | None = None) -> Steady:
@@ -333,33 +333,38 @@ def predict(
     """
     made = rig if isinstance(rig, RigSpec) else load_rig(rig)
     pretensions = [float(mm) for mm in np.atleast_1d(pretension_mm)]
-    asked = RigAsked(pretensions, amplitude_deg, mode, tuple(without), (band_hz[0], band_hz[1]))
-    found = predict_rig(made, asked)
+    request = PredictionRequest(pretensions, amplitude_deg, mode, tuple(without), (band_hz[0], band_hz[1]))
+    found = predict_rig(made, request)
     return found if bands is None else with_bands(found, made, bands, seed, progress)
 
 
-def predict_rig(rig: RigSpec, asked: RigAsked) -> Predicted:
+def predict_rig(rig: RigSpec, request: PredictionRequest) -> Predicted:
     """Return the prediction of a rig, with what it is worth. Raises SpecError for what the rig does not allow."""
-    refuse_pretensions(rig, asked.pretensions)
-    refuse_drive(asked.mode, asked.amplitude_deg, asked.band_hz)
+    refuse_pretensions(rig, request.pretensions)
+    refuse_drive(request.mode, request.amplitude_deg, request.band_hz)
     use_all_cores()
     problem = joint_problem(
-        rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, mode=asked.tendon_mode, effects=asked.effects
+        rig,
+        request.pretensions,
+        request.amplitude_deg,
+        request.band_hz,
+        mode=request.tendon_mode,
+        effects=request.effects,
     )
-    prediction = predict_problem(problem, asked.band_hz, RESOLUTION)
+    prediction = predict_problem(problem, request.band_hz, RESOLUTION)
     torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
-    checks = check_joint(rig, asked.pretensions, loads_of(problem, torsion), tilt_held=asked.mode != "current")
-    broken = [mm for mm, one in zip(asked.pretensions, prediction.branches, strict=True) if not one.complete]
-    checks = [*doubt_broken_curves(checks, broken), *check_drive(rig, asked.amplitude_deg, asked.band_hz[1])]
-    return predicted_of(rig, asked, problem, prediction, checks)
+    checks = check_joint(rig, request.pretensions, loads_of(problem, torsion), tilt_held=request.mode != "current")
+    broken = [mm for mm, one in zip(request.pretensions, prediction.branches, strict=True) if not one.complete]
+    checks = [*doubt_broken_curves(checks, broken), *check_drive(rig, request.amplitude_deg, request.band_hz[1])]
+    return predicted_of(rig, request, problem, prediction, checks)
 
 
 def predicted_of(
-    rig: RigSpec, asked: RigAsked, problem: Problem, prediction: Prediction, checks: Sequence[Check]
+    rig: RigSpec, request: PredictionRequest, problem: Problem, prediction: Prediction, checks: Sequence[Check]
 ) -> Predicted:
     """Return curves of a rig with what they are worth."""
-    steady = _steady(prediction, asked.pretensions, asked.amplitude_deg)
-    return Predicted(**vars(steady), rig=rig.name, spec=rig, asked=asked, problem=problem, validity=Rows(checks))
+    steady = _steady(prediction, request.pretensions, request.amplitude_deg)
+    return Predicted(**vars(steady), rig=rig.name, spec=rig, request=request, problem=problem, validity=Rows(checks))
 
 
 def with_bands(
@@ -374,24 +379,24 @@ def with_bands(
     base: that the predicted one was made from; what is still known of it is taken over.
     Raises SpecError where nothing is known of how certain the rig's parameters are.
     """
-    asked = found.asked
+    request = found.request
     rig, changed = carried_over(base, found.spec)
     draws = draw_rigs(rig, count, seed)
     bands = bands_of(
         found.prediction,
         rig,
         draws,
-        asked.pretensions,
-        asked.amplitude_deg,
-        asked.band_hz,
-        mode=asked.tendon_mode,
-        effects=asked.effects,
+        request.pretensions,
+        request.amplitude_deg,
+        request.band_hz,
+        mode=request.tendon_mode,
+        effects=request.effects,
         progress=progress,
     )
     certain = (f"what the design changes is taken as certain: {', '.join(changed)}",) if changed else ()
     return replace(
         found,
-        bands=Rows(_band(one, mm) for one, mm in zip(bands, asked.pretensions, strict=True)),
+        bands=Rows(_band(one, mm) for one, mm in zip(bands, request.pretensions, strict=True)),
         draws=DrawsResult(count, seed, draws.names, (*draws.remarks, *certain)),
         tubes=tuple(bands),
     )
@@ -399,10 +404,10 @@ def with_bands(
 
 def with_backbone(found: Predicted) -> Predicted:
     """Return a prediction with the backbone at each pretension, up to the amplitude of the command that was asked."""
-    asked, rows = found.asked, []
-    followed = follow_backbones(found.problem, asked.band_hz, RESOLUTION)
-    for mm, backbone in zip(asked.pretensions, followed, strict=True):
-        command = backbone.share * np.radians(asked.amplitude_deg)
+    request, rows = found.request, []
+    followed = follow_backbones(found.problem, request.band_hz, RESOLUTION)
+    for mm, backbone in zip(request.pretensions, followed, strict=True):
+        command = backbone.share * np.radians(request.amplitude_deg)
         lever = backbone.curve.drive * (command if found.problem.equations.drive is None else 1.0)
         drive = {"command_deg": np.degrees(command), "lever_deg": np.degrees(np.abs(lever))}
         rows.append(_backbone(backbone, mm, equivalent_of_rig(backbone.curve, lever, found.spec), **drive))
@@ -464,10 +469,10 @@ class Compared(Result):
             for found in self.rigs
             for i, one in enumerate(found.branches)
         ]
-        told: list[Table | str] = [Table(("rig", "pretension/mm", "peak (Eq. 6)", "folds"), rows)]
+        lines: list[Table | str] = [Table(("rig", "pretension/mm", "peak (Eq. 6)", "folds"), rows)]
         for found in self.rigs:
             held = sum(check.holds for check in found.validity)
-            told.append(f"{found.rig}: {held} of {len(found.validity)} assumptions hold")
-            told += [line for one in found.branches for line in one.remarks()]
-            told += [check.line() for check in found.validity if not check.holds]
-        return told
+            lines.append(f"{found.rig}: {held} of {len(found.validity)} assumptions hold")
+            lines += [line for one in found.branches for line in one.remarks()]
+            lines += [check.line() for check in found.validity if not check.holds]
+        return lines

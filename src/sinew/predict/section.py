@@ -425,8 +425,8 @@ def triangulate(drawn: Outline, size: float) -> Mesh:
         if not any(lost.any() for lost in missing):
             ring = np.full(len(points), -1)
             ring[: len(on_edge)] = np.repeat(np.arange(len(rings)), [len(one) for one in rings])
-            return Mesh(points, _kept(points, triangles, drawn, size), ring)
-        rings = [_halved(ring, lost) for ring, lost in zip(rings, missing, strict=True)]
+            return Mesh(points, _inner_triangles(points, triangles, drawn, size), ring)
+        rings = [_split(ring, lost) for ring, lost in zip(rings, missing, strict=True)]
     raise SpecError("the section could not be cut into triangles; take out corners that nearly touch another edge")
 
 
@@ -439,7 +439,7 @@ def _divided(ring: Array, size: float) -> Array:
     return np.concatenate(pieces)
 
 
-def _halved(ring: Array, lost: Mask) -> Array:
+def _split(ring: Array, lost: Mask) -> Array:
     middle = 0.5 * (ring + np.roll(ring, -1, axis=0))
     pairs = np.stack([ring, middle], axis=1)
     keep = np.stack([np.ones_like(lost), lost], axis=1)
@@ -468,7 +468,7 @@ def _missing(triangles: NDArray[np.int64], rings: list[Array], count: int) -> li
     return found
 
 
-def _kept(points: Array, triangles: NDArray[np.int64], drawn: Outline, size: float) -> NDArray[np.int64]:
+def _inner_triangles(points: Array, triangles: NDArray[np.int64], drawn: Outline, size: float) -> NDArray[np.int64]:
     a, b, c = (points[triangles[:, i]] for i in range(3))
     area = 0.5 * np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
     return triangles[inside((a + b + c) / 3, drawn) & (area > _FLAT * size**2)]

@@ -20,7 +20,7 @@ from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.space import Space
 from sinew.plan.plan import swing_of_bend
 from sinew.plan.rig import RigSpec
-from sinew.predict.pose import Way, pulls_of, surface_strain, upright
+from sinew.predict.pose import PosePath, pulls_of, surface_strain, upright
 from sinew.predict.validity import STRAIN
 from sinew.solve.programs import configure
 from sinew.solve.spatial import (
@@ -102,11 +102,11 @@ def _map_of(plane: "Plane", pretension_mm: float) -> PoseMap:
     bend, verdict = np.hypot(plane.axis[:, None], plane.axis[None, :]), plane.verdict
     out = bend[(verdict != REACHED) & (verdict != OUTSIDE)]
     inside, first = bend[verdict == REACHED], out.min() if out.size else math.inf
-    asked = verdict[verdict != OUTSIDE]
+    requested = verdict[verdict != OUTSIDE]
     return PoseMap(
         pretension_mm,
         float(max((b for b in inside if b < first - 1e-9), default=0.0)),
-        Shares(*(float(np.mean(asked == code)) for code in range(len(VERDICTS)))),
+        Shares(*(float(np.mean(requested == code)) for code in range(len(VERDICTS)))),
         tuple(tuple(None if v == OUTSIDE else v for v in row) for row in verdict.tolist()),
         plane.highest,
         plane.lowest,
@@ -139,8 +139,8 @@ def map_workspace(
     planes = planes_of(rig, pretension_mm, step_deg, mode)
     parts = [(plane, strip) for plane in planes for strip in plane.strips()]
     done, total = 0, sum(int((plane.verdict != OUTSIDE).sum()) for plane in planes)
-    for place, columns in each_task(fill_strip, [strip for _, strip in parts], spread):
-        plane, strip = parts[place]
+    for index, columns in each_task(fill_strip, [strip for _, strip in parts], spread):
+        plane, strip = parts[index]
         done += plane.put(strip.columns, columns)
         progress(done, total)
     axis = planes[0].axis
@@ -210,16 +210,16 @@ class Plane:
             axis,
             most_deg,
         )
-        asked = np.hypot(axis[:, None], axis[None, :]) <= most_deg + 1e-9
-        self.verdict = np.where(asked, LOST, OUTSIDE)
-        self.highest, self.lowest, self.softest, self.strain = (np.full(asked.shape, np.nan) for _ in range(4))
+        requested = np.hypot(axis[:, None], axis[None, :]) <= most_deg + 1e-9
+        self.verdict = np.where(requested, LOST, OUTSIDE)
+        self.highest, self.lowest, self.softest, self.strain = (np.full(requested.shape, np.nan) for _ in range(4))
 
     def strips(self) -> Iterator[Strip]:
         """Find the poses without pitch; yield the columns that begin there, so many together as make a task."""
         middle = len(self.axis) // 2
         known: dict[int, _Known] = {}
-        for way in (1, -1):
-            for j, at in self._walk([(middle, j) for j in self._outwards(middle, way)], self.start):
+        for sense in (1, -1):
+            for j, at in self._walk([(middle, j) for j in self._outwards(middle, sense)], self.start):
                 known[j[1]] = at
         columns = [j for j in range(len(self.axis)) if (self.verdict[:, j] != OUTSIDE).any()]
         size = max(1, _STRIP // len(self.axis))
@@ -233,15 +233,15 @@ class Plane:
             getattr(self, name)[:, columns] = values
         return int((self.verdict[:, columns] != OUTSIDE).sum())
 
-    def _outwards(self, middle: int, way: int) -> range:
-        return range(middle, len(self.axis)) if way > 0 else range(middle, -1, -1)
+    def _outwards(self, middle: int, sense: int) -> range:
+        return range(middle, len(self.axis)) if sense > 0 else range(middle, -1, -1)
 
     def fill_column(self, j: int, start: _Known | None) -> None:
         """Find the poses of a column, from the one in its middle on; those of none stay lost."""
         if start is None:
             return
-        for way in (1, -1):
-            cells = [(i, j) for i in self._outwards(len(self.axis) // 2, way) if self.verdict[i, j] != OUTSIDE]
+        for sense in (1, -1):
+            cells = [(i, j) for i in self._outwards(len(self.axis) // 2, sense) if self.verdict[i, j] != OUTSIDE]
             for _ in self._walk(cells, start):
                 pass
 
@@ -393,14 +393,14 @@ def carried_mass(
     The take-ups follow the load so that the tilt stays; their mean stays. height: of the load's centre above the
     plate [m].
     """
-    way = _Loaded(rig, pretension_mm, bend_deg, azimuth_deg, height)
+    sense = _Loaded(rig, pretension_mm, bend_deg, azimuth_deg, height)
     before, mass = 0.0, 0.25
-    if way.least(0.0) <= 0:
-        return Carried(0.0, way.broken(0.0))
+    if sense.least(0.0) <= 0:
+        return Carried(0.0, sense.broken(0.0))
     while mass <= _HEAVIEST:
-        if way.least(mass) <= 0:
-            found = float(brentq(way.least, before, mass, xtol=1e-3))
-            return Carried(found, way.broken(found + 2e-3))
+        if sense.least(mass) <= 0:
+            found = float(brentq(sense.least, before, mass, xtol=1e-3))
+            return Carried(found, sense.broken(found + 2e-3))
         before, mass = mass, 1.5 * mass
     return Carried(_HEAVIEST, f"not up to {_HEAVIEST:g} kg")
 
@@ -421,12 +421,14 @@ class _Loaded:
     def __init__(self, rig: RigSpec, pretension_mm: float, bend_deg: float, azimuth_deg: float, height: float) -> None:
         configure()
         self.rig, self.height = rig, height
-        way = Way.begin(space_from_rig(rig), rig.tendons.first_contact_tension.value, 1e-3 * pretension_mm, "position")
+        sense = PosePath.begin(
+            space_from_rig(rig), rig.tendons.first_contact_tension.value, 1e-3 * pretension_mm, "position"
+        )
         self.tilt = np.array(swing_of_bend(math.radians(bend_deg), math.radians(azimuth_deg)))
         count = max(1, math.ceil(bend_deg / 4))
         for i in range(1, count + 1):
-            way.pull(self.tilt * i / count)
-        self.held, self.q, self.across = way.space, way.q, way.across
+            sense.pull(self.tilt * i / count)
+        self.held, self.q, self.across = sense.space, sense.q, sense.across
 
     def margins(self, mass: float) -> Array:
         """Return what is left [N], [N], [1] of `MARGINS`; -1 of each where there is no pose."""

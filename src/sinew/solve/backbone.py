@@ -97,11 +97,11 @@ def corrected(
     """
     there, error = y.copy(), np.full(len(y), np.inf)
     left: NDArray[np.intp] = np.arange(len(y))
-    kept = seen = evaluate_extended(there, lanes, problem, size)
+    retained = seen = evaluate_extended(there, lanes, problem, size)
     for step in range(steps if len(y) else 0):
         if step:
             seen = evaluate_extended(there[left], lanes[left], problem, size)
-            for row, leaf in zip(kept, seen, strict=True):
+            for row, leaf in zip(retained, seen, strict=True):
                 row[left] = leaf
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
         off = np.sum(normal[left] * (y[left] - there[left]), axis=1)
@@ -112,7 +112,7 @@ def corrected(
         left = left[np.isfinite(error[left]) & (error[left] > enough)]
         if not left.size:
             break
-    return Corrected(there, error, kept)
+    return Corrected(there, error, retained)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -282,9 +282,9 @@ def _refined(
     """Return the points (k, m + 2) with finer waves, (k, M + 2), moved in the planes `across` only."""
     size, fine = sizes
     inner = embedded(problem.equations, size.harmonics, fine.harmonics)
-    place = np.append(inner, inner[-1] + 1)
-    wide, normal = np.zeros((2, len(points), place[-1] + 1))
-    wide[:, place], normal[:, place] = points, across
+    columns = np.append(inner, inner[-1] + 1)
+    wide, normal = np.zeros((2, len(points), columns[-1] + 1))
+    wide[:, columns], normal[:, columns] = points, across
     return corrected(wide, normal, lanes, problem, fine, enough, _REFINEMENTS)
 
 

@@ -268,8 +268,8 @@ def _rates_apart(
         return here, [along(group) for group in groups]
 
     here, (*slopes, by_omega) = jax.vmap(at_once, in_axes=(0, 0, None), out_axes=-1)(tuple(values), phase, omega)
-    place = {k: (slope, i) for group, slope in zip(groups, slopes, strict=False) for i, k in enumerate(group)}
-    found = [place[k] for k in range(count)]
+    slots = {k: (slope, i) for group, slope in zip(groups, slopes, strict=False) for i, k in enumerate(group)}
+    found = [slots[k] for k in range(count)]
     local = jnp.stack([jnp.stack([slope[c][i] for slope, i in found]) for c in range(len(here))])
     return jnp.stack(here), local, jnp.concatenate(by_omega)
 
@@ -336,10 +336,10 @@ def _hill(local: jax.Array, omega: jax.Array, equations: Equations, at: Grid, ha
             block = block.transpose(0, 2, 3, 1, 5, 4).reshape(rows.places.size, columns.places.size)
             whole = whole.at[rows.places.ravel()[:, None], columns.places.ravel()].set(block)
     for kind in kinds:
-        for place, i in zip(kind.places, kind.members, strict=True):
+        for slots, i in zip(kind.places, kind.members, strict=True):
             own_real, own_imaginary = (filters[i][part][-1] for part in (0, 1))
-            whole = whole.at[place, place].add(-own_real)
-            whole = whole.at[place[0], place[1]].add(-own_imaginary).at[place[1], place[0]].add(own_imaginary)
+            whole = whole.at[slots, slots].add(-own_real)
+            whole = whole.at[slots[0], slots[1]].add(-own_imaginary).at[slots[1], slots[0]].add(own_imaginary)
     return whole[:-1]
 
 

@@ -129,15 +129,15 @@ def sweep(branch: Branch, frequency_hz: Array, direction: Direction) -> Swept:
     found = np.full((frequency_hz.size, columns.shape[1]), np.nan)
     if len(along) > 1:
         f = along[:, 0] if direction == "up" else -along[:, 0]
-        asked = frequency_hz if direction == "up" else -frequency_hz
+        hertz = frequency_hz if direction == "up" else -frequency_hz
         # The first place at or beyond a frequency: beyond a fold the curve comes back below what it has passed.
         reached = np.maximum.accumulate(f)
         slack = _NEAR * abs(float(f[-1]))
-        where = np.searchsorted(reached, asked - slack)
-        inside = (asked >= f[0] - slack) & (where < f.size)
+        where = np.searchsorted(reached, hertz - slack)
+        inside = (hertz >= f[0] - slack) & (where < f.size)
         after = np.clip(where[inside], 1, f.size - 1)
         width = f[after] - f[after - 1]
-        share = np.clip((asked[inside] - f[after - 1]) / np.where(width == 0, 1.0, width), 0.0, 1.0)
+        share = np.clip((hertz[inside] - f[after - 1]) / np.where(width == 0, 1.0, width), 0.0, 1.0)
         found[inside] = along[after - 1] + share[:, None] * (along[after] - along[after - 1])
     phase = np.mod(found[:, 2] + np.pi / 2, 2 * np.pi) - np.pi / 2
     return Swept(found[:, 1], phase, found[:, 3] + 1j * found[:, 4], found[:, 5] + 1j * found[:, 6])

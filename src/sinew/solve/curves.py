@@ -119,9 +119,9 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     """Return the located point of each guess (lane, guess) with the finer waves."""
     if not found:
         return []
-    place = embedded(problem.equations, size.harmonics, fine.harmonics)
-    x, normal = np.zeros((2, len(found), place[-1] + 1))
-    x[:, place], normal[:, place] = (np.stack([getattr(g, name) for _, g in found]) for name in ("point", "tangent"))
+    index = embedded(problem.equations, size.harmonics, fine.harmonics)
+    x, normal = np.zeros((2, len(found), index[-1] + 1))
+    x[:, index], normal[:, index] = (np.stack([getattr(g, name) for _, g in found]) for name in ("point", "tangent"))
     kind = np.array([guess.kind for _, guess in found])
     lane = rows_of(problem.lane, np.array([i for i, _ in found]))
     done = locate(x, normal, kind, lane, problem.equations, fine, search)
@@ -142,11 +142,11 @@ def _branch(
     scale, hertz = own.scale, float(own.omega) / (2 * np.pi)
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
     count, status = seen.frequency.size, int(curve.status[lane])
-    kept: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
-    told, lost = [ENDS[status]], 0
+    retained: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
+    notes, lost = [ENDS[status]], 0
     missing = int(curve.number[lane]) - count
     if missing:
-        told.append(
+        notes.append(
             f"{missing} points could not be refined to {fine.harmonics} harmonics and were left out; corners in the "
             "motion, as of tendons that go slack, need more"
         )
@@ -155,17 +155,17 @@ def _branch(
             mark = Mark(
                 float(at.points[-1]) * hertz, float(at.half_range * response), float(wrapped_lag(np.conj(at.lag)))
             )
-            kept[guess.kind].append(mark)
+            retained[guess.kind].append(mark)
         elif guess.kind == PEAK and not missing:
             where = interpolated_peak(
                 seen.frequency * hertz, seen.half_range * response, wrapped_lag(np.conj(seen.product))
             )
-            kept[PEAK].append(Mark(*where))
-            told.append("its peak was interpolated")
+            retained[PEAK].append(Mark(*where))
+            notes.append("its peak was interpolated")
         else:
             lost += 1
     if lost:
-        told.append(f"{lost} of its folds, peaks and places where it lags by 90° could not be located")
+        notes.append(f"{lost} of its folds, peaks and places where it lags by 90° could not be located")
     largest = float(np.max(seen.half_range, initial=0.0)) or 1.0
     error = np.maximum(np.abs(seen.range_change) / largest, np.abs(seen.frequency_change))
     return Branch(
@@ -176,12 +176,12 @@ def _branch(
         harmonics=seen.response * response,
         drive=seen.drive * drive,
         multiplier=largest_multiplier(seen.maps, equations) if seen.maps.size else np.full(count, np.nan),
-        folds=tuple(kept[FOLD]),
-        peak=kept[PEAK][0] if kept[PEAK] else None,
-        phase_90=kept[QUARTER][0] if kept[QUARTER] else None,
+        folds=tuple(retained[FOLD]),
+        peak=retained[PEAK][0] if retained[PEAK] else None,
+        phase_90=retained[QUARTER][0] if retained[QUARTER] else None,
         error=error,
         complete=status == OUTSIDE,
-        message="; ".join(told),
+        message="; ".join(notes),
         motion=seen.motion[:, :-1]
         * np.asarray(scales(rows_of(problem.lane, np.array(lane)), equations, fine.harmonics)),
         waves=fine.harmonics,
@@ -210,8 +210,8 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
             found += [(lane, guess) for guess in marked]
     places = _located(found, problem, resolution.search, size, fine)
     marks: list[list[tuple[Guess, Located]]] = [[] for _ in each]
-    for (lane, guess), place in zip(found, places, strict=True):
-        marks[lane].append((guess, place))
+    for (lane, guess), index in zip(found, places, strict=True):
+        marks[lane].append((guess, index))
     enough = resolution.search.enough
 
     def branch(i: int) -> Branch:

@@ -294,9 +294,9 @@ def examine(
     maps are wanted, which take a tenth of the time; else they have no rows and columns. They are those of the motion
     before its last correction, which is below `_SAME` where the refinement settles: they are hardly more exact.
     """
-    place = embedded(equations, size.harmonics, fine.harmonics)
-    wide, normal = np.zeros((2, len(points), place[-1] + 1))
-    wide[:, place], normal[:, place] = points, normals
+    columns = embedded(equations, size.harmonics, fine.harmonics)
+    wide, normal = np.zeros((2, len(points), columns[-1] + 1))
+    wide[:, columns], normal[:, columns] = points, normals
     there, states = wide.copy(), size_of(equations) if stability else 0
     left, last, maps = np.arange(len(points)), np.zeros(len(points)), np.zeros((len(points), states, states))
     enough = _SAME if stability else _ENOUGH

@@ -184,14 +184,14 @@ def _free_swing(
     angle = 2 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     cosine, sine = np.cos(angle), np.sin(angle)
     torsion = amplitude * cosine
-    place = jax.vmap(lambda twist: sunk(twist, rest, p, _SINKING))(torsion)
-    static = jax.vmap(jax.grad(potential), in_axes=(0, 0, None))(torsion, place, p)
-    pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, place, p)
+    position = jax.vmap(lambda twist: sunk(twist, rest, p, _SINKING))(torsion)
+    static = jax.vmap(jax.grad(potential), in_axes=(0, 0, None))(torsion, position, p)
+    pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, position, p)
     rising = np.where(sine < 0, 1.0, -1.0)  # falling, the loop is its mirror image
     friction = p.guides.greatest_torque(pull) * rising * p.guides.loop(rising * torsion, amplitude)
     guide_spring = 2 * jnp.mean(friction * cosine) / amplitude
     held = 2 * jnp.mean(static * cosine) / amplitude + guide_spring
-    silicone = jax.vmap(jax.grad(silicone_energy), in_axes=(0, 0, None))(torsion, place, p)
+    silicone = jax.vmap(jax.grad(silicone_energy), in_axes=(0, 0, None))(torsion, position, p)
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * sine)
     inertia = p.head + p.lever
 

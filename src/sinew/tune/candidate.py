@@ -397,9 +397,9 @@ def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
     return Frame(from_rig(rig), jnp.asarray(list(SHAPES).index(name)), **arrays)
 
 
-def unpacked(place: jax.Array, frame: Frame) -> Sizes:
+def unpacked(location: jax.Array, frame: Frame) -> Sizes:
     """Return the sizes of a place in the unit cube, (5,); they grow by factors."""
-    return Sizes(*(frame.low * (frame.high / frame.low) ** place))
+    return Sizes(*(frame.low * (frame.high / frame.low) ** location))
 
 
 def _joint(sizes: Sizes, form: Form, modulus: jax.Array, frame: Frame) -> Parameters:
@@ -472,9 +472,9 @@ def _pressed(stretch: jax.Array, more: jax.Array) -> jax.Array:
     return found
 
 
-def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
-    """Return what a candidate is worth. place: in the unit cube, (5,). modulus: G of its silicone [Pa]."""
-    sizes = unpacked(place, frame)
+def judge(location: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
+    """Return what a candidate is worth. location: in the unit cube, (5,). modulus: G of its silicone [Pa]."""
+    sizes = unpacked(location, frame)
     forms = [shape.form for shape in SHAPES.values()]
     form = jax.lax.switch(frame.shape, forms, sizes.size, sizes.ratio)
     p = _joint(sizes, form, modulus, frame)

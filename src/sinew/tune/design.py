@@ -276,21 +276,21 @@ def _ends(rig: RigSpec, draft: Draft) -> tuple[Resonance, Resonance] | None:
 def _faults(
     rig: RigSpec, target: DesignTarget, ends: tuple[Resonance, Resonance], loads: list[DriveLoad], checks: list[Check]
 ) -> list[str]:
-    told = [check.sentence for check in checks if not check.holds]
+    lines = [check.sentence for check in checks if not check.holds]
     swing = Swing(yaw_deg=target.yaw_deg)
     for one, load, wanted in zip(ends, loads, target.stride_band_hz, strict=True):
-        told += [s.sentence for s in stresses_of(rig, one, swing) if s.share > 1 and s.sentence not in told]
+        lines += [s.sentence for s in stresses_of(rig, one, swing) if s.share > 1 and s.sentence not in lines]
         if abs(one.frequency_hz / wanted - 1) > 1e-3:
-            told.append(f"it resonates at {one.frequency_hz:.4g} Hz where {wanted:g} Hz is wanted")
+            lines.append(f"it resonates at {one.frequency_hz:.4g} Hz where {wanted:g} Hz is wanted")
         if load.duty > rig.drive.duty_limit.value:
-            told.append(
+            lines.append(
                 f"the drive needs a duty of {load.duty:.2f} at {wanted:g} Hz, {rig.drive.duty_limit.value:g} is all"
             )
     if ends[1].pretension_mm > rig.limits.tendon_travel_mm[1]:
-        told.append(
+        lines.append(
             f"it needs {ends[1].pretension_mm:.1f} mm of cable, motors have {rig.limits.tendon_travel_mm[1]:g} mm"
         )
-    return told
+    return lines
 
 
 def plan_of(proposal: Proposal) -> Plan:
@@ -403,9 +403,9 @@ def search_block(block: Block) -> Candidates:
     rig = parse_rig(block.rig)
     frame = frame_of(rig, block.target, block.shape)
     rng = np.random.default_rng([block.seed, block.number])
-    place = rng.uniform(0.05, 0.95, (block.starts, len(SIZES)))
+    seeds = rng.uniform(0.05, 0.95, (block.starts, len(SIZES)))
     weights = rng.dirichlet(np.ones(len(OBJECTIVES)), block.starts)
-    done = _search(np.log(place / (1 - place)), weights, block.modulus, frame)
+    done = _search(np.log(seeds / (1 - seeds)), weights, block.modulus, frame)
     sizes, objectives, excess, pretension, lever = (np.asarray(leaf) for leaf in done)
     excess = np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
     worst, binding = excess.max(axis=1), excess.argmax(axis=1)
@@ -467,12 +467,12 @@ def nondominated(objectives: Array) -> Mask:
 
     Of equal rows the first stays.
     """
-    kept = np.ones(len(objectives), dtype=bool)
+    undominated = np.ones(len(objectives), dtype=bool)
     for i, row in enumerate(objectives):
         less = np.all(objectives <= row, axis=1)
         smaller = np.any(objectives < row, axis=1) | (np.arange(len(objectives)) < i)
-        kept[i] = not np.any(less & smaller)
-    return kept
+        undominated[i] = not np.any(less & smaller)
+    return undominated
 
 
 def spread_out(objectives: Array, count: int, begin: Sequence[int] = ()) -> list[int]:
@@ -483,16 +483,16 @@ def spread_out(objectives: Array, count: int, begin: Sequence[int] = ()) -> list
     """
     if not len(objectives):
         return []
-    place = np.log(objectives)
-    place = (place - place.min(axis=0)) / np.maximum(np.ptp(place, axis=0), 1e-12)
-    taken = list(begin) or [int(np.argmin(place.sum(axis=1)))]
-    apart = np.min([np.linalg.norm(place - place[i], axis=1) for i in taken], axis=0)
+    seeds = np.log(objectives)
+    seeds = (seeds - seeds.min(axis=0)) / np.maximum(np.ptp(seeds, axis=0), 1e-12)
+    taken = list(begin) or [int(np.argmin(seeds.sum(axis=1)))]
+    apart = np.min([np.linalg.norm(seeds - seeds[i], axis=1) for i in taken], axis=0)
     while len(taken) < min(count, len(objectives)):
         best = int(np.argmax(apart))
         if apart[best] <= 0:
             break
         taken.append(best)
-        apart = np.minimum(apart, np.linalg.norm(place - place[best], axis=1))
+        apart = np.minimum(apart, np.linalg.norm(seeds - seeds[best], axis=1))
     return taken[:count]
 
 
@@ -628,18 +628,18 @@ def design_joints(
     or cluster; the result is the same. progress: called with (part, done, total).
     """
 
-    def told(part: str) -> Callable[[float, float], None]:
+    def lines(part: str) -> Callable[[float, float], None]:
         return lambda done, total: None if progress is None else progress(part, done, total)
 
     text, begin = dump_rig(rig), time.perf_counter()
     blocks = blocks_of(text, target, silicones, list(shapes), effort.starts, effort.seed)
-    found = run_tasks(search_block, blocks, spread, told("search"))
+    found = run_tasks(search_block, blocks, spread, lines("search"))
     searched = time.perf_counter()
     drafts = drafts_of(found, text, target, effort.exact)
-    evaluated = [one for one in run_tasks(propose, drafts, spread, told("evaluate")) if one is not None]
+    evaluated = [one for one in run_tasks(propose, drafts, spread, lines("evaluate")) if one is not None]
     evaluated, chosen = select(evaluated, effort.proposals)
     computed = time.perf_counter()
-    confirmed = run_tasks(confirm, [Request(one, effort.seed) for one in chosen], spread, told("confirm"))
+    confirmed = run_tasks(confirm, [Request(one, effort.seed) for one in chosen], spread, lines("confirm"))
     wall_s = {"search": searched - begin, "exact": computed - searched, "confirm": time.perf_counter() - computed}
     made = Designed(
         base=rig.name,
@@ -751,17 +751,17 @@ def _why_none(found: Designed) -> list[str]:
 
 
 def _sentences(found: Designed) -> list[str]:
-    told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
+    lines = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
     fit, front = (sum(getattr(one, name) for one in found.evaluated) for name in ("feasible", "on_front"))
     if found.evaluated:
-        told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {front} undominated")
+        lines.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {front} undominated")
     if not found.proposals:
-        return [*told, *_why_none(found)]
+        return [*lines, *_why_none(found)]
     sure, many = sum(bool(one.is_confirmed) for one in found.proposals), len(found.proposals)
-    told.append(f"{sure} of {many} proposals resonate on the full twin within 3 % of what was predicted")
+    lines.append(f"{sure} of {many} proposals resonate on the full twin within 3 % of what was predicted")
     held = max(one.holding_a for one in found.proposals)
-    told.append(
+    lines.append(
         f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
         "the drive's energy"
     )
-    return told
+    return lines

@@ -306,8 +306,10 @@ def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position")
         least = min(worst, key=lambda stress: stress.share)
         return Reachable(found, None, None, (least.sentence, least.sentence))
     why = (
-        f"{low:g} mm is the rig's lowest pretension" if ends[0] == grid[0] else _told(worst, found, ends[0], -1),
-        f"{high:g} mm is the rig's highest pretension" if ends[1] == grid[-1] else _told(worst, found, ends[1], 1),
+        f"{low:g} mm is the rig's lowest pretension" if ends[0] == grid[0] else _worst_words(worst, found, ends[0], -1),
+        f"{high:g} mm is the rig's highest pretension"
+        if ends[1] == grid[-1]
+        else _worst_words(worst, found, ends[1], 1),
     )
     at = whole.curve()(np.array(ends))
     return Reachable(found, ends, (float(at[0]), float(at[1])), why)
@@ -330,12 +332,12 @@ def _allowed(pretension_mm: Array, table: Sequence[Sequence[Stress]]) -> tuple[f
     return edge(int(run[0]), int(run[0]) - 1), edge(int(run[-1]), int(run[-1]) + 1)
 
 
-def _told(worst: Sequence[Stress], found: Sequence[Resonance], edge: float, way: int) -> str:
-    beyond = [s for s, one in zip(worst, found, strict=True) if way * (one.pretension_mm - edge) > 0]
+def _worst_words(worst: Sequence[Stress], found: Sequence[Resonance], edge: float, direction: int) -> str:
+    beyond = [s for s, one in zip(worst, found, strict=True) if direction * (one.pretension_mm - edge) > 0]
     if not beyond:
-        side = "above" if way > 0 else "below"
+        side = "above" if direction > 0 else "below"
         return f"{side} {edge:.3g} mm the torsion does not settle to 90° of lag within the band that was searched"
-    return beyond[0 if way > 0 else -1].sentence
+    return beyond[0 if direction > 0 else -1].sentence
 
 
 _STEPS, _CLOSE = 4, 2e-5
@@ -434,8 +436,8 @@ def tune(
     draws, remark = _draws(made, bands, seed)
     wanted = [float(hertz) for hertz in np.atleast_1d(resonance_hz)]
     found = tune_pretension(made, wanted, swing, draws=draws, mode=mode, progress=progress)
-    told = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
-    return replace(found, draws=told, remarks=(*found.remarks, *([remark] if remark else [])))
+    sentence = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
+    return replace(found, draws=sentence, remarks=(*found.remarks, *([remark] if remark else [])))
 
 
 def _draws(rig: RigSpec, bands: int | None, seed: int) -> tuple[Draws | None, str]:
@@ -501,15 +503,15 @@ def _guess(reachable: Reachable, hertz: float) -> float | None:
 def _refined(
     rig: RigSpec,
     reachable: Reachable,
-    asked: list[tuple[float, float]],
+    requested: list[tuple[float, float]],
     swing: Swing,
     mode: TendonMode,
 ) -> list[Resonance | None]:
     """Return the resonance of each (wanted frequency [Hz], guess [mm]), by Newton's method with the curve's slope."""
-    if not asked:
+    if not requested:
         return []
     slope = reachable.curve().derivative()
-    wanted, where = (np.array(row) for row in zip(*asked, strict=True))
+    wanted, where = (np.array(row) for row in zip(*requested, strict=True))
     found: list[Resonance | None] = []
     known = [one.pretension_mm for one in reachable.resonances]
     commands = np.interp(where, known, [math.degrees(one.command) for one in reachable.resonances])
@@ -586,7 +588,7 @@ def _with_intervals(
         return joint_problem(one, [mark.pretension_mm for mark in marks], commands, band, mode=mode)
 
     own, *drawn = drawn_branches([rig, *draws.rigs], make, band, progress=progress)
-    told = list(settings)
+    verdict = list(settings)
     for column, i in enumerate(there):
         centre = own[column].phase_90
         if centre is None:
@@ -597,10 +599,10 @@ def _with_intervals(
         assert setting.pretension_mm is not None
         assert setting.frequency_hz is not None
         assert setting.slope_hz_mm is not None
-        told[i] = replace(
+        verdict[i] = replace(
             setting,
             pretension_mm=estimate_of_deviations(setting.pretension_mm.value, -off / setting.slope_hz_mm),
             frequency_hz=estimate_of_deviations(setting.frequency_hz.value, off),
             draws=off.size,
         )
-    return told
+    return verdict

@@ -190,7 +190,7 @@ def read_sensors(
     if moved.orientation is not None:
         channels["orientation"] = moved.orientation.astype(np.float32)
     noise = rng if effects.sensor_noise else None
-    return channels | {s.channel: s.told(tension, noise).astype(np.float32) for s in rig.sensors}
+    return channels | {s.channel: s.reading(tension, noise).astype(np.float32) for s in rig.sensors}
 
 
 def _read_motors(

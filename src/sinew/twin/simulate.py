@@ -114,7 +114,7 @@ def _peaks(moved: Moved, groups: Sequence[Group], plan: Plan) -> NDArray[np.floa
     rows = [
         (g.pretension_mm, float(np.abs(t).max())) for g, t in zip(groups, torsions, strict=True) if g.kind != "idle"
     ]
-    return np.array([max(peak for p, peak in rows if p == asked) for asked in plan.pretension.pretension_mm])
+    return np.array([max(peak for p, peak in rows if p == mm) for mm in plan.pretension.pretension_mm])
 
 
 def _move(

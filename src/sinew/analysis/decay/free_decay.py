@@ -24,8 +24,8 @@ def _turns(values: Array) -> tuple[Places, Array]:
     start = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0]))
     stop = np.append(start[1:], values.size) - 1
     rises = np.diff(values[start]) > 0
-    kept = np.concatenate([[True], rises[1:] != rises[:-1], [True]]) if start.size > 1 else np.ones(1, dtype=bool)
-    return ((start + stop) // 2)[kept], values[start][kept]
+    retained = np.concatenate([[True], rises[1:] != rises[:-1], [True]]) if start.size > 1 else np.ones(1, dtype=bool)
+    return ((start + stop) // 2)[retained], values[start][retained]
 
 
 def maxima(values: Array) -> Places:
@@ -42,24 +42,24 @@ def alternating_extremes(values: Array, least: float) -> Places:
     are. SciPy's `find_peaks` searches the whole rest of a decay for each of its swings: 42 s for 13 000 of them in a
     million samples, where this takes 0.9 s.
     """
-    place, height = _turns(values)
-    while place.size > 2:
+    turns_at, height = _turns(values)
+    while turns_at.size > 2:
         step = np.abs(np.diff(height))
         no_more = np.append(step[1:], np.inf) > step  # than the next
         no_less = np.concatenate([[np.inf], step[:-1]]) >= step
         small = step < least
         if not small.any():
             break
-        kept = np.ones(place.size, dtype=bool)
+        retained = np.ones(turns_at.size, dtype=bool)
         # An end has no neighbour to go with: the extreme beside it becomes the end.
-        kept[: int(np.argmin(np.append(small & no_more, False)))] = False
-        kept[place.size - int(np.argmin(np.append((small & no_less)[::-1], False))) :] = False
-        inner = small & no_more & no_less & kept[:-1] & kept[1:]
+        retained[: int(np.argmin(np.append(small & no_more, False)))] = False
+        retained[turns_at.size - int(np.argmin(np.append((small & no_less)[::-1], False))) :] = False
+        inner = small & no_more & no_less & retained[:-1] & retained[1:]
         inner[[0, -1]] = False
-        kept[:-1] &= ~inner
-        kept[1:] &= ~inner
-        place, height = place[kept], height[kept]
-    return place[1:-1]
+        retained[:-1] &= ~inner
+        retained[1:] &= ~inner
+        turns_at, height = turns_at[retained], height[retained]
+    return turns_at[1:-1]
 
 
 def local_cubic(values: Array, window: int, step_s: float) -> tuple[Array, Array, Array]:

@@ -130,10 +130,10 @@ def fit_envelopes(rows: list[tuple[Array, Array]], inertia_kg_m2: float | None =
     amplitude = np.sum(s * fading, axis=1) / power
     left = np.sum((s - amplitude[:, None] * fading) ** 2, axis=1)
     rate_std = np.sqrt(left / np.maximum(known.sum(axis=1) - 2, 1) / (power * spread)) / amplitude
-    told = np.stack([amplitude, rate, rate_std], axis=1).tolist()
+    fits_of_peaks = np.stack([amplitude, rate, rate_std], axis=1).tolist()
     return [
         _envelope(time, size, a, each, std, inertia_kg_m2)
-        for (time, size), (a, each, std) in zip(rows, told, strict=True)
+        for (time, size), (a, each, std) in zip(rows, fits_of_peaks, strict=True)
     ]
 
 

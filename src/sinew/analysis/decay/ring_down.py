@@ -11,16 +11,6 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import special
 
-from sinew.analysis.decay.course import (
-    Course,
-    clearly_better,
-    close_modes,
-    differing_halves,
-    exponential_course,
-    louder_line,
-    smooth_course,
-    with_further_modes,
-)
 from sinew.analysis.decay.decay_fit import DecayFit, fit_bent, lehr_damping, pole_estimates
 from sinew.analysis.decay.free_decay import (
     Peaks,
@@ -30,6 +20,16 @@ from sinew.analysis.decay.free_decay import (
     free_decay,
     noise_level,
     spectral_lines,
+)
+from sinew.analysis.decay.history import (
+    AmplitudeHistory,
+    clearly_better,
+    close_modes,
+    differing_halves,
+    exponential_history,
+    louder_line,
+    smooth_history,
+    with_further_modes,
 )
 from sinew.analysis.decay.modes import DecayMode
 from sinew.analysis.decay.paper_method import Envelope, fit_envelope, fit_envelopes, large_peaks
@@ -298,7 +298,7 @@ class RingDown:
     damping_ratio: λ/sqrt(ω_d² + λ²); decay_rate_per_s: λ [1/s].
     All by the direct time-domain fit, of the strongest mode where there are several. Where rate and frequency move
     with the amplitude, one sinusoid would fall out of step and take that for damping; size and phase are then smooth
-    functions of time (`sinew.analysis.decay.course`), λ and ω_d their means over the window weighted by the amplitude,
+    functions of time (`sinew.analysis.decay.history`), λ and ω_d their means over the window weighted by the amplitude,
     ∫ λ A dt / ∫ A dt, and the rest follows from these two. The intervals hold the noise and the misfit together.
     parts: the two by name of the quantity. misfit: a sentence on where it comes from, empty without any. Its parts:
     early and late half of the decay differ by more than their noise (the 90 % interval then reaches one and a half
@@ -369,13 +369,13 @@ def _analysed(
     """Return what samples of a free decay say; arguments and errors as of `analyse_ring_down`."""
     sought = _seek(samples, free_from_s)
     read = _read(samples, sought)
-    strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+    strongest = max(range(len(read.history.model.bases)), key=read.history.energy)
     if strongest and free_from_s is None:
-        hz = float(read.course.poles(mode=strongest)[0][1]) / (2.0 * np.pi)
+        hz = float(read.history.poles(mode=strongest)[0][1]) / (2.0 * np.pi)
         again = _in_band(samples, hz)
         if again is not None:
             sought, read = again, _read(samples, again)
-            strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+            strongest = max(range(len(read.history.model.bases)), key=read.history.energy)
     fit, times, heights = sought.fit, read.peak_time_s, read.height
     peaks = sought.peaks
     if is_rate:
@@ -398,7 +398,7 @@ def _analysed(
     paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
     remarks = samples.remarks
     if strongest:
-        of_peaks = float(read.course.poles()[0][1]) / (2.0 * np.pi)
+        of_peaks = float(read.history.poles()[0][1]) / (2.0 * np.pi)
         remarks = (
             *remarks,
             f"peaks and shape are told of the mode at {number(of_peaks, 3)} Hz, the easier one to follow",
@@ -413,7 +413,7 @@ def _analysed(
         withheld=_withheld(paper, found, by_period, strongest > 0),
         shape=shape,
         dependence=table,
-        modes=_modes(read.course, samples.clock_std) if len(read.course.model.bases) > 1 else (),
+        modes=_modes(read.history, samples.clock_std) if len(read.history.model.bases) > 1 else (),
         start_s=fit.start_s,
         stop_s=read.stop_s,
         fit=fit if shape.exponential else read.bent,
@@ -564,13 +564,13 @@ def _beating(samples: Samples, free_from_s: float | None) -> _Sought | None:
         free_from_s = float(samples.even_s[0])
     try:
         sought = _sought(samples, free_from_s, may_beat=True)
-        course = _read(samples, sought).course
+        history = _read(samples, sought).history
     except RecordingError:
         return None
-    if len(course.model.bases) < 2 or float(np.std(course.residual)) > _ALL_OF_IT * noise_level(sought.x):
+    if len(history.model.bases) < 2 or float(np.std(history.residual)) > _ALL_OF_IT * noise_level(sought.x):
         return None
-    poles, gradient = course.poles(mode=max(range(len(course.model.bases)), key=course.energy))
-    std = math.sqrt(max(float(gradient[0] @ course.grown @ gradient[0]), 0.0))
+    poles, gradient = history.poles(mode=max(range(len(history.model.bases)), key=history.energy))
+    std = math.sqrt(max(float(gradient[0] @ history.grown @ gradient[0]), 0.0))
     return sought if poles[0] > _SURE_TO_DECAY * std else None
 
 
@@ -617,7 +617,7 @@ _SCATTERS, _WITHIN = 3.0, 0.03  # by which the paper's numbers may differ from t
 class _Read(NamedTuple):
     """What the samples of one free decay say.
 
-    bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes;
+    bent: its bent fit; p_value: that a plain one is as good. history: of its size and phase, and of further modes;
     halves: one whose early and late half can differ, where that is suspected. is_plain: the course is one exponential
     alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the response about its rest position;
     height_std: noise of one. stop_s: end of the window.
@@ -626,8 +626,8 @@ class _Read(NamedTuple):
     fit: DecayFit
     bent: DecayFit
     p_value: float
-    course: Course
-    halves: Course | None
+    history: AmplitudeHistory
+    halves: AmplitudeHistory | None
     is_plain: bool
     peak_time_s: Array
     height: Array
@@ -637,7 +637,7 @@ class _Read(NamedTuple):
     @property
     def degrees_of_freedom(self) -> float:
         """Return those of the numbers."""
-        return self.fit.degrees_of_freedom if self.is_plain else self.course.degrees_of_freedom
+        return self.fit.degrees_of_freedom if self.is_plain else self.history.degrees_of_freedom
 
 
 def _read(samples: Samples, sought: _Sought) -> _Read:
@@ -648,13 +648,13 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     left = float(np.std(bent.residual))
     if p_value >= SIGNIFICANCE and not fit.bending and left > _ALL_OF_IT * noise_level(x):
         # Two bending terms left a misfit, which their own test takes for noise; a course that leaves none tests it.
-        smooth = smooth_course(t, x, bent, times, heights)
-        p_value = 0.0 if clearly_better(exponential_course(t, x, fit), smooth, _PLAIN_BETTER) else p_value
+        smooth = smooth_history(t, x, bent, times, heights)
+        p_value = 0.0 if clearly_better(exponential_history(t, x, fit), smooth, _PLAIN_BETTER) else p_value
     if p_value < SIGNIFICANCE and not sought.centred:
         times, heights = _heights(peaks, bent, False)
     moves = p_value < SIGNIFICANCE or fit.bending
     stop = fit.stop_s
-    halves = smooth_course(t, x, bent, times, heights, functions=3) if p_value < _SUSPECT and not moves else None
+    halves = smooth_history(t, x, bent, times, heights, functions=3) if p_value < _SUSPECT and not moves else None
     if moves:
         size = np.abs(peaks.value - (0.0 if sought.centred else bent.rest(peaks.time_s)))
         large = size > max(5.0 * peaks.value_std, 0.02 * float(size.max()))
@@ -662,14 +662,14 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
         inside = t <= max(last, float(times[-1]))
         if np.count_nonzero(inside) >= 32:
             t, x = t[inside], x[inside]
-        course, stop = smooth_course(t, x, bent, times, heights), float(t[-1])
-        two = close_modes(t, x, course)
-        course = course if two is None else two
+        history, stop = smooth_history(t, x, bent, times, heights), float(t[-1])
+        two = close_modes(t, x, history)
+        history = history if two is None else two
     else:
-        course = exponential_course(t, x, fit)
-    several = course if sought.is_exact else with_further_modes(t, x, course)
+        history = exponential_history(t, x, fit)
+    several = history if sought.is_exact else with_further_modes(t, x, history)
     if len(several.model.bases) > 1 and several.functions > 2:
-        simple = with_further_modes(t, x, exponential_course(t, x, fit))
+        simple = with_further_modes(t, x, exponential_history(t, x, fit))
         if not clearly_better(simple, several, _PLAIN_BETTER):
             several = simple
     if len(several.model.bases) > 1 and several.functions == 2:
@@ -686,7 +686,7 @@ def _likelihood_ratio(sought: _Sought, bent: DecayFit) -> float:
     """Return twice the logarithm of the likelihood ratio of a bent fit to a plain one, in independent samples."""
     fit, effective = sought.fit, bent.degrees_of_freedom + bent.parameters.size
     before = (
-        exponential_course(sought.t, sought.x, fit).left_over if fit.bending else float(fit.residual @ fit.residual)
+        exponential_history(sought.t, sought.x, fit).left_over if fit.bending else float(fit.residual @ fit.residual)
     )
     after = float(bent.residual @ bent.residual)
     return effective * math.log(before / after) if after > 0 and before > 0 else 0.0
@@ -694,22 +694,22 @@ def _likelihood_ratio(sought: _Sought, bent: DecayFit) -> float:
 
 def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array, list[str]]:
     """Return (λ, ω) of a mode, the covariance of both by noise and by misfit, (2, 2) each, and where that is from."""
-    course, why = read.course, []
+    history, why = read.history, []
     if read.is_plain:
         fit = read.fit
         poles, noise = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
         if sought.is_exact:
             return poles, noise, np.zeros_like(noise), []
-        _, gradient = course.poles()
-        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+        _, gradient = history.poles()
+        grown = gradient @ (history.grown - history.covariance) @ gradient.T
     else:
-        poles, gradient = course.poles(mode=mode)
-        noise = gradient @ course.covariance @ gradient.T
-        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+        poles, gradient = history.poles(mode=mode)
+        noise = gradient @ history.covariance @ gradient.T
+        grown = gradient @ (history.grown - history.covariance) @ gradient.T
     misfit = np.diag(np.maximum(np.diag(grown), 0.0))
     if np.any(np.diag(misfit) > 0.2 * np.diag(noise)):
         why.append("the residual grows with the amplitude")
-    louder = louder_line(course, float(poles[1]))
+    louder = louder_line(history, float(poles[1]))
     if louder > 1.0:
         misfit = misfit + (louder - 1.0) * noise
         why.append("the residual still swings near the oscillation's frequency")
@@ -722,13 +722,13 @@ def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array
     if beyond.any():
         why.append("its early half, of large swings, and its late one, of small swings, differ beyond their noise")
     misfit = misfit + np.outer(excess, excess)
-    if course.functions < 3:
+    if history.functions < 3:
         return poles, noise, misfit, why
-    window = course.stop_s - course.start_s
-    edges = np.clip((np.array([first, last]) - course.start_s) / window, 0.0, 1.0)
+    window = history.stop_s - history.start_s
+    edges = np.clip((np.array([first, last]) - history.start_s) / window, 0.0, 1.0)
     if edges[1] - edges[0] > 0.3:
         by_peaks, scatter = _means_by_peaks(read.peak_time_s, np.abs(read.height), read.height_std)
-        apart = course.poles(float(edges[0]), float(edges[1]))[0] - by_peaks
+        apart = history.poles(float(edges[0]), float(edges[1]))[0] - by_peaks
         apart = np.where(np.abs(apart) > _BEYOND * scatter, apart, 0.0)
         if np.any(apart**2 > 0.2 * np.diag(noise + misfit)):
             why.append("its peaks say otherwise than the fit")
@@ -778,18 +778,18 @@ def _withheld(paper: Envelope, found: dict[str, Estimate], by_period: float, of_
     return ""
 
 
-def _modes(course: Course, clock_std: float) -> tuple[DecayMode, ...]:
+def _modes(history: AmplitudeHistory, clock_std: float) -> tuple[DecayMode, ...]:
     """Return all modes of a course, the one of most energy first."""
     found = []
-    for m in sorted(range(len(course.model.bases)), key=lambda m: -course.energy(m)):
-        poles, gradient = course.poles(mode=m)
-        first, freedom = course.model.mode(m).start, course.degrees_of_freedom
-        begin = course.at(np.array([course.start_s]), m)[0]
-        stds = np.sqrt(np.maximum(np.diag(course.grown)[first : first + 2], 0.0))
-        size = course.scale * math.exp(float(begin.real))
+    for m in sorted(range(len(history.model.bases)), key=lambda m: -history.energy(m)):
+        poles, gradient = history.poles(mode=m)
+        first, freedom = history.model.mode(m).start, history.degrees_of_freedom
+        begin = history.at(np.array([history.start_s]), m)[0]
+        stds = np.sqrt(np.maximum(np.diag(history.grown)[first : first + 2], 0.0))
+        size = history.scale * math.exp(float(begin.real))
         found.append(
             DecayMode(
-                **pole_estimates(poles, gradient @ course.grown @ gradient.T, freedom, clock_std),
+                **pole_estimates(poles, gradient @ history.grown @ gradient.T, freedom, clock_std),
                 amplitude=Estimate.student(size, size * float(stds[0]), freedom),
                 phase_rad=Estimate.student(math.remainder(begin.imag, 2.0 * math.pi), float(stds[1]), freedom),
             )
@@ -865,14 +865,14 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
     columns: dict[str, Array] = {}
     notes = []
     for index, segment in zip(indices, segments, strict=True):
-        place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
+        cell = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
         try:
             numbers = _numbers_of(signals, index, inertia_kg_m2)
         except RecordingError as error:
             notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {error}")
             continue
         for name, value in numbers.items():
-            columns.setdefault(name, np.full((*shape, *np.shape(value)), np.nan))[place] = value
+            columns.setdefault(name, np.full((*shape, *np.shape(value)), np.nan))[cell] = value
     if not columns:
         raise RecordingError(notes[0])
     axes = {"pretension_mm": pretension, "repeat": np.arange(1, shape[1] + 1)}

@@ -82,27 +82,27 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
             f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of up to {steps.max():.3g} s bridged: the fit needs no "
             "samples there"
         )
-    told = np.ones(t.size, dtype=bool) if half is None else _telling(t, x, half / step, remarks)
+    usable = np.ones(t.size, dtype=bool) if half is None else _telling(t, x, half / step, remarks)
     q = resolution(x)
     coarse = q if noise_level(x) < _COARSE * q else 0.0
-    if told.all() and not gaps.size:
+    if usable.all() and not gaps.size:
         even_s, even, lever, clock = evenly(t, x, lever)
         same = even is x
         missing = np.zeros(even_s.size, dtype=bool)
         return Samples(even_s if same else t, x, even_s, even, same, missing, lever, clock, coarse, tuple(remarks))
-    if np.count_nonzero(told) < _FEWEST:
+    if np.count_nonzero(usable) < _FEWEST:
         raise RecordingError(
-            f"{np.count_nonzero(told)} of {t.size} samples are neither clipped nor frozen; check the sensor and its "
+            f"{np.count_nonzero(usable)} of {t.size} samples are neither clipped nor frozen; check the sensor and its "
             "range"
         )
     even_s = np.linspace(t[0], t[-1], round(float(t[-1] - t[0]) / step) + 1)
-    even = np.asarray(scipy.interpolate.PchipInterpolator(t[told], x[told], extrapolate=False)(even_s), dtype=float)
+    even = np.asarray(scipy.interpolate.PchipInterpolator(t[usable], x[usable], extrapolate=False)(even_s), dtype=float)
     known = np.isfinite(even)
     even = np.interp(even_s, even_s[known], even[known])
     lever = None if lever is None else np.interp(even_s, t, lever)
-    after = np.clip(np.searchsorted(t[told], even_s), 1, np.count_nonzero(told) - 1)
-    nearest = np.minimum(np.abs(even_s - t[told][after]), np.abs(even_s - t[told][after - 1]))
-    return Samples(t[told], x[told], even_s, even, False, nearest > 0.6 * step, lever, 0.0, coarse, tuple(remarks))
+    after = np.clip(np.searchsorted(t[usable], even_s), 1, np.count_nonzero(usable) - 1)
+    nearest = np.minimum(np.abs(even_s - t[usable][after]), np.abs(even_s - t[usable][after - 1]))
+    return Samples(t[usable], x[usable], even_s, even, False, nearest > 0.6 * step, lever, 0.0, coarse, tuple(remarks))
 
 
 def unwrapped_angle(values: Array, unit: str) -> tuple[Array, int]:

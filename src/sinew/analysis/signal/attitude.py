@@ -123,9 +123,9 @@ def _on_axis(gyro: Array, force: Array, signals: Signals) -> Array:
     """Return what the accelerometer would read on the joint's axis, (n, 3): less α x p + ω x (ω x p) of a chip at p."""
     if signals.rig is None:
         return force
-    place = np.array([0.0, signals.rig.imu.mount_radius.value, 0.0])
+    lever_arm = np.array([0.0, signals.rig.imu.mount_radius.value, 0.0])
     speeding = np.gradient(gyro, 1.0 / signals.budget.sample_hz, axis=0)
-    return np.asarray(force - np.cross(speeding, place) - np.cross(gyro, np.cross(gyro, place)))
+    return np.asarray(force - np.cross(speeding, lever_arm) - np.cross(gyro, np.cross(gyro, lever_arm)))
 
 
 # ---- torsion as a time series: the integral of its rate, and the motion of steady segments on one true time
@@ -181,11 +181,11 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | 
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
     signals = read_signals(recording, rig)
-    asked, where = signals.segments[segment]
-    frequency = asked.frequency_hz
-    if asked.kind != "steady" or not np.isfinite(frequency):
+    requested, where = signals.segments[segment]
+    frequency = requested.frequency_hz
+    if requested.kind != "steady" or not np.isfinite(frequency):
         raise RecordingError(
-            f"segment {segment} is {asked.kind} at {frequency:g} Hz; choose a steady one with a frequency"
+            f"segment {segment} is {requested.kind} at {frequency:g} Hz; choose a steady one with a frequency"
         )
     response, drive, budget = signals.response, signals.drive, signals.budget
     stamps = signals.time_s[where]
@@ -209,7 +209,12 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | 
     if drive is not None:
         value = _evaluate(stamps, both[1], fitted, (stamps - late)[whole])
         variables["drive"] = ("sample", value, {"units": drive.unit})
-    attrs = {"frequency_hz": frequency, "periods": periods, "pretension_mm": asked.pretension_mm, "segment": segment}
+    attrs = {
+        "frequency_hz": frequency,
+        "periods": periods,
+        "pretension_mm": requested.pretension_mm,
+        "segment": segment,
+    }
     return xr.Dataset(variables, attrs=attrs)
 
 

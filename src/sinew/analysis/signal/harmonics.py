@@ -157,18 +157,18 @@ def _line_amplitudes(residual: Array, turn: Array, highest: int) -> Complexes:
     sine[:, :, 1:] = sums[:, :, steps:]
     even = cosine[..., : side + 1] - 1j * sine[..., : side + 1]
     odd = sine[..., side + 1 :] + 1j * cosine[..., side + 1 :]
-    centre, beside = even[..., :1], even[..., 1:]
-    found = np.concatenate([(beside + odd)[..., ::-1], centre, beside - odd], axis=3)
+    centre, neighbours = even[..., :1], even[..., 1:]
+    found = np.concatenate([(neighbours + odd)[..., ::-1], centre, neighbours - odd], axis=3)
     return np.asarray(2.0 / samples * found.reshape(records, signals, steps * width)[:, :, side:])
 
 
 def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> Complexes:
     """Return the amplitudes m lines above and below the fundamental, (s, q, 8, 2), for the eight smallest such m."""
-    place = {int(line): column for column, line in enumerate(lines)}
-    pairs = [m for m in range(1, int(lines[-1])) if whole + m in place and abs(whole - m) in place][:_SIDEBANDS]
+    column_of = {int(line): column for column, line in enumerate(lines)}
+    pairs = [m for m in range(1, int(lines[-1])) if whole + m in column_of and abs(whole - m) in column_of][:_SIDEBANDS]
     out = np.full((*amplitudes.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
-    lower = amplitudes[:, :, [place[abs(whole - m)] for m in pairs]]
-    out[:, :, : len(pairs), 0] = amplitudes[:, :, [place[whole + m] for m in pairs]]
+    lower = amplitudes[:, :, [column_of[abs(whole - m)] for m in pairs]]
+    out[:, :, : len(pairs), 0] = amplitudes[:, :, [column_of[whole + m] for m in pairs]]
     out[:, :, : len(pairs), 1] = np.where(np.array(pairs) < whole, lower, lower.conj())
     return out
 
@@ -425,10 +425,10 @@ def _label(
     done = 0
     for group in groups:
         frequency, repeat = group.frequency_hz, known.repeat
-        for place, (before, count) in enumerate(seen):
+        for column_of, (before, count) in enumerate(seen):
             if abs(frequency / before - 1.0) < _SAME_FREQUENCY:
                 frequency, repeat = before, count
-                seen[place] = (before, count + 1)
+                seen[column_of] = (before, count + 1)
                 break
         else:
             seen.append((frequency, known.repeat + 1))

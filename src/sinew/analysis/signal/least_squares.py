@@ -195,8 +195,10 @@ def autoregression(residual: Array, basis: Array) -> tuple[Array, float]:
 def orthonormal(jacobian: Array) -> Array:
     """Return an orthonormal basis of the columns, shape (n, <= m); by the Gram matrix, faster than QR for tall ones."""
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    kept = values > 1e-13 * values[-1]
-    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T @ jacobian.T, dtype=float).T  # columns in one piece
+    retained = values > 1e-13 * values[-1]
+    return np.asarray(
+        (vectors[:, retained] / np.sqrt(values[retained])).T @ jacobian.T, dtype=float
+    ).T  # columns in one piece
 
 
 def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
@@ -265,8 +267,8 @@ def factorised(jacobian: Array) -> Factors:
     """
     scaled, lengths = unit_columns(jacobian)
     turned, singular, rows = np.linalg.svd(scaled.T, full_matrices=False)
-    kept = singular > 1e-14 * singular[0]
-    return Factors(rows[kept], turned[:, kept] / singular[kept], 1.0 / lengths)
+    retained = singular > 1e-14 * singular[0]
+    return Factors(rows[retained], turned[:, retained] / singular[retained], 1.0 / lengths)
 
 
 def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:

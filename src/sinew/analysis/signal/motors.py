@@ -332,9 +332,9 @@ def _products(current: Array, duty: Array, speed: Array, supply: Array, blocks: 
     weights = np.abs(duty)[:, None] ** _EXPONENTS
     found = np.empty((_EXPONENTS.size, blocks, 4, 4))
     for block, mine in enumerate(np.array_split(np.arange(current.size), blocks)):
-        for place, weight in enumerate(weights[mine].T):
+        for index, weight in enumerate(weights[mine].T):
             weighed = rows[mine] * np.stack([weight] * 3 + [np.ones_like(weight)], axis=1)
-            found[place, block] = weighed.T @ weighed
+            found[index, block] = weighed.T @ weighed
     return found
 
 
@@ -346,12 +346,12 @@ def _best(products: Array) -> tuple[float, float]:
     design, mixed, square = products[:, :3, :3], products[:, :3, 3], products[0, 3, 3]
     explained = np.einsum("si,sij,sj->s", mixed, np.linalg.pinv(design, rcond=1e-10, hermitian=True), mixed)
     left = np.maximum(square - explained, 0.0)
-    place = int(np.argmin(left))
-    s = float(_EXPONENTS[place])
-    if 0 < place < left.size - 1:  # the parabola through the three lowest
-        before, here, after = left[place - 1 : place + 2]
+    index = int(np.argmin(left))
+    s = float(_EXPONENTS[index])
+    if 0 < index < left.size - 1:  # the parabola through the three lowest
+        before, here, after = left[index - 1 : index + 2]
         s += 0.5 * (before - after) / max(before - 2 * here + after, 1e-300) * float(_EXPONENTS[1] - _EXPONENTS[0])
-    return s, math.sqrt(float(left[place]) / square)
+    return s, math.sqrt(float(left[index]) / square)
 
 
 def _speed(time: Array, angle: Array, slices: list[slice]) -> tuple[Array, Mask]:

@@ -154,8 +154,8 @@ def pool_repeats(
     scatter = math.sqrt(squares / freedom) if freedom else math.nan
     std = float(np.fmax(scatter, by_fit))
     dof = float(freedom) if freedom and scatter >= np.nan_to_num(by_fit) else 1e6
-    beside = tuple(0.0 for _ in rows) if shared is None else tuple(map(float, shared))
-    return Pooled(tuple(_mean(row, std, dof, more) for row, more in zip(known, beside, strict=True)), std, dof, beside)
+    common = tuple(0.0 for _ in rows) if shared is None else tuple(map(float, shared))
+    return Pooled(tuple(_mean(row, std, dof, more) for row, more in zip(known, common, strict=True)), std, dof, common)
 
 
 def _mean(row: Array, std: float, dof: float, shared: float) -> Estimate:

@@ -215,8 +215,10 @@ def _pose_of(segments: list[Segment]) -> RestPose | None:
         return None
     poses = sorted({(segment.bend_deg, segment.azimuth_deg) for segment in segments})
     if len(poses) > 1:
-        told = ", ".join(f"{bend:g}° towards {azimuth:g}°" for bend, azimuth in poses)
-        raise RecordingError(f"the segments are in {len(poses)} poses ({told}), expected one; analyse each by itself")
+        sentence = ", ".join(f"{bend:g}° towards {azimuth:g}°" for bend, azimuth in poses)
+        raise RecordingError(
+            f"the segments are in {len(poses)} poses ({sentence}), expected one; analyse each by itself"
+        )
     return RestPose(*map(math.radians, poses[0]))
 
 

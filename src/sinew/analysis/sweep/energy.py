@@ -80,8 +80,8 @@ def fit_swing_trend(frequency_hz: Array, current_a: Array, torsion_rad: Array) -
     weighted = design[:, used] / without[:, None]
     freedom = max(1, f.size - int(used.sum()))
     covariance = np.linalg.pinv(weighted.T @ weighted) * float(residual @ residual) / freedom
-    place = int(used[:2].sum())
-    std = float(np.sqrt(covariance[place, place])) if used[2] else 0.0
+    index = int(used[:2].sum())
+    std = float(np.sqrt(covariance[index, index])) if used[2] else 0.0
     spring, inertia, saved, friction = map(float, terms)
     return SwingTrend(spring, inertia, saved, friction, std, float(np.sqrt(np.mean(residual**2))))
 
@@ -253,8 +253,8 @@ class _Sweeps:
             bend, slope, _ = solve_damped(powers, np.take_along_axis(cost, near, axis=1) * there, 1e-26).T
             return np.where(bend > 0, self.f[least] - 0.5 * slope / np.where(bend > 0, bend, 1.0), np.nan)
         fine = np.linspace(self.f[0], self.f[-1], _FINE)
-        place = np.argmin(scipy.interpolate.CubicSpline(self.f, cost, axis=1)(fine), axis=1)
-        return np.where((place > 0) & (place < _FINE - 1), fine[place], np.nan)
+        index = np.argmin(scipy.interpolate.CubicSpline(self.f, cost, axis=1)(fine), axis=1)
+        return np.where((index > 0) & (index < _FINE - 1), fine[index], np.nan)
 
 
 def _reduction(power: Array, own: Array, saving: Array, saving_std: Array) -> tuple[Array, Array]:
@@ -296,11 +296,11 @@ def _energies(sweeps: _Sweeps, where: Array, off: _OffResonance) -> dict[str, tu
     cheapest = sweeps.cheapest()
     least, own, swing = sweeps.power(cheapest)
     square, per_cycle = cheapest**2 * swing**2, cheapest * swing**2
-    told = np.isfinite(power) | np.isfinite(cheapest)
+    known_power = np.isfinite(power) | np.isfinite(cheapest)
     return out | {
         "cheapest_hz": (cheapest, exact),
         "swing_cost_at_cheapest_j_rad2": (least / per_cycle, own / per_cycle),
         "cheapest_reduction": _reduction(least, own, off.power * square, off.power_std * square),
-        "line_current_a": (np.where(told, off.line, np.nan), exact),
+        "line_current_a": (np.where(known_power, off.line, np.nan), exact),
         "line_reduction": (1.0 - current / off.line, exact),
     }

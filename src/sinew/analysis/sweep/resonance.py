@@ -283,10 +283,10 @@ def _tops(gain: Array) -> tuple[NDArray[np.intp], Array, Array]:
 
 def _widths(gain: Array, top: NDArray[np.intp], level: Array) -> Array:
     """Return how far it is between the points beside the top that are as low as a level [grid points], (k,)."""
-    place, low = np.arange(_FINE), gain <= level[:, None]
+    fine_index, low = np.arange(_FINE), gain <= level[:, None]
     width = np.zeros(top.size)
     for side in (-1, 1):
-        away = side * (place - top[:, None])
+        away = side * (fine_index - top[:, None])
         first = np.where(low & (away > 0), away, _FINE).min(axis=1)
         outer = (top + side * first).clip(0, _FINE - 1)
         inside, outside = _picked(gain, (outer - side).clip(0, _FINE - 1)), _picked(gain, outer)
@@ -437,15 +437,15 @@ def _run(centre: NDArray[np.intp], good: Mask, cost: Array, fewest: int) -> Mask
 
     Where more are needed, the cheaper of the two neighbours joins; cost: shape (k, n), infinite where no point is.
     """
-    place, middle = np.arange(good.shape[1]), centre[:, None]
-    low = np.where(~good & (place < middle), place, -1).max(axis=1) + 1
-    high = np.where(~good & (place > middle), place, place.size).min(axis=1) - 1
+    fine_index, middle = np.arange(good.shape[1]), centre[:, None]
+    low = np.where(~good & (fine_index < middle), fine_index, -1).max(axis=1) + 1
+    high = np.where(~good & (fine_index > middle), fine_index, fine_index.size).min(axis=1) - 1
     beside = np.pad(cost, ((0, 0), (1, 1)), constant_values=np.inf)
     least = np.minimum(fewest, np.isfinite(cost).sum(axis=1))
     for _ in range(fewest - 1):
         short, left = high - low + 1 < least, _picked(beside, low) <= _picked(beside, high + 2)
         low, high = low - (short & left), high + (short & ~left)
-    return np.asarray((place >= low[:, None]) & (place <= high[:, None]))
+    return np.asarray((fine_index >= low[:, None]) & (fine_index <= high[:, None]))
 
 
 def _window(frequency: Array, closeness: Array, held: Mask, centre: NDArray[np.intp]) -> Mask:
@@ -608,7 +608,7 @@ def read_resonances(response: Response) -> Readings:
     if absent:
         for row, peak in zip(absent, find_crossings(f, *(values[absent] for values in by_drive)), strict=True):
             crossing[row] = peak
-    told = {
+    quantities = {
         "paper_resonance_hz": _column(paper, "frequency_hz", "frequency_misfit_hz"),
         "paper_gain_peak": _column(paper, "gain", "gain_misfit"),
         "resonance_hz": _column(nominal, "frequency_hz", "frequency_misfit_hz"),
@@ -616,17 +616,17 @@ def read_resonances(response: Response) -> Readings:
         "gain_peak_measured_drive": _column(measured, "gain", "gain_misfit"),
         "half_power_width_hz": _column(measured, "width_hz"),
     }
-    at = told["resonance_hz"]
+    at = quantities["resonance_hz"]
     gain, gain_std, freedom, misfit = _column(nominal, "gain", "gain_misfit")
     ratio, ratio_std = _local(f, over_fundamental, at[0])
-    told["gain_peak"] = gain * ratio, np.hypot(gain_std * ratio, gain * ratio_std), freedom, misfit
+    quantities["gain_peak"] = gain * ratio, np.hypot(gain_std * ratio, gain * ratio_std), freedom, misfit
     where, *rest, slope = _column(crossing, "crossing_hz", "crossing_slope")
     late = read_each(f, columns["phase_delay_std_rad"], where, "line", fewest=2)
     of_delay = np.divide(late, np.abs(slope), out=np.zeros_like(late), where=np.isfinite(late) & (slope != 0))
-    told["phase_90_hz"] = where, *rest, of_delay
+    quantities["phase_90_hz"] = where, *rest, of_delay
     lever = columns["drive_amplitude_rad"] * np.exp(1j * np.angle(nominal_transfer * transfer.conj()))
-    told["drive_amplitude_at_resonance_rad"] = _drive_at(f, lever, columns["drive_amplitude_std_rad"], at)
-    parts = [{name: told[name][i].reshape(shape) for name in RESONANCES} for i in range(4)]
+    quantities["drive_amplitude_at_resonance_rad"] = _drive_at(f, lever, columns["drive_amplitude_std_rad"], at)
+    parts = [{name: quantities[name][i].reshape(shape) for name in RESONANCES} for i in range(4)]
     notes = []
     for (p, r), *said in zip(np.ndindex(*shape), nominal, measured, crossing, strict=True):
         used = said[1:] if math.isfinite(said[0].frequency_hz[0]) else said  # no one asks for a nominal width
@@ -723,10 +723,10 @@ def _drive_at(f: Array, lever: Complexes, own: Array, peak: _Column) -> _Column:
 def _local(frequency: Array, values: Array, where: Array) -> tuple[Array, Array]:
     """Return value and standard deviation, (k,), at frequencies (k,), of straight lines through the six nearest points
     of each row (k, f)."""
-    known, place = np.isfinite(values), np.where(np.isfinite(where), where, frequency[0])
-    away = np.where(known, np.abs(frequency - place[:, None]), np.inf)
+    known, fine_index = np.isfinite(values), np.where(np.isfinite(where), where, frequency[0])
+    away = np.where(known, np.abs(frequency - fine_index[:, None]), np.inf)
     near = np.argsort(away, axis=1, kind="stable")[:, :6]
-    held, y, x = (np.take_along_axis(each, near, axis=1) for each in (known, values, frequency - place[:, None]))
+    held, y, x = (np.take_along_axis(each, near, axis=1) for each in (known, values, frequency - fine_index[:, None]))
     inverse = np.linalg.pinv(np.stack([np.ones_like(x), x], axis=2) * held[:, :, None])
     y = np.where(held, y, 0.0)
     line = (inverse @ y[:, :, None])[:, :, 0]

@@ -95,7 +95,7 @@ def _refuse_full_disk(folder: Path, plan: "Plan", seconds: float) -> None:
     from sinew.measure.errors import FileError
 
     needed = _ROW_BYTES * plan.sample_hz * (seconds + _SET_S * len(plan.pretension.pretension_mm))
-    nearest = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    nearest = next(ancestor for ancestor in (folder.absolute(), *folder.absolute().parents) if ancestor.exists())
     free = shutil.disk_usage(nearest).free
     if free < needed:
         raise FileError(
@@ -117,7 +117,7 @@ def run_journal(
     from sinew.plan.toml import dump_plan, dump_rig
 
     texts = (dump_plan(plan), dump_rig(spec))
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    made = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     there = set() if made else set(folder.iterdir())
     try:
         if resume:
@@ -141,8 +141,8 @@ def _clear(folder: Path, there: set[Path], made: Sequence[Path]) -> None:
     with suppress(OSError):
         for path in set(folder.iterdir()) - there:
             path.unlink()
-        for place in made:
-            place.rmdir()
+        for ancestor in made:
+            ancestor.rmdir()
 
 
 @dataclass(frozen=True, slots=True)

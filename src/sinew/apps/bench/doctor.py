@@ -93,8 +93,8 @@ def _only_port() -> str:
     if len(found) == 1:
         remark(f"the only serial port is {found[0]}")
         return found[0]
-    told = ", ".join(found) or "none"
-    raise PortError(f"found {told} as serial ports at USB, expected one; plug it in, or name it with --port")
+    sentence = ", ".join(found) or "none"
+    raise PortError(f"found {sentence} as serial ports at USB, expected one; plug it in, or name it with --port")
 
 
 def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":
@@ -225,9 +225,9 @@ def _guide(
     spec = load_rig(out if out.exists() else rig)
     first = names.index(step or start or names[0])
     chosen = STEPS[first : first + 1] if step is not None else STEPS[first:]
-    told: list[Finding] = []
+    lines: list[Finding] = []
     steering = Steering(lambda: 0.0)
-    person = Asked(port, told, steering.check, yes=yes, loud=not json)
+    person = Person(port, lines, steering.check, yes=yes, loud=not json)
     notes: list[str] = []
 
     def keep(known: "RigSpec") -> None:
@@ -265,7 +265,7 @@ def _guide(
                 "ok": well,
                 "ended": ended,
                 "step": at,
-                "findings": [_row(one) for one in told],
+                "findings": [_row(one) for one in lines],
                 "next": then,
             }
         )
@@ -275,9 +275,9 @@ def _guide(
         print(f"{'the first run' if is_last else 'go on with'}: {then}")
         return 0
     why = ended or f"the step {at} found a fault"
-    kept = f"{out} has what was found so far" if out.exists() else "nothing was written"
+    stored = f"{out} has what was found so far" if out.exists() else "nothing was written"
     left = led.unconfirmed or "no motor has torque"
-    remark(f"{why}; {left}; {kept}; go on with: {_again(then, at)}")
+    remark(f"{why}; {left}; {stored}; go on with: {_again(then, at)}")
     return 1
 
 
@@ -291,15 +291,15 @@ def _again(then: str, step: str) -> str:
     return f"{then} --from {step}" if step else then
 
 
-class Asked:
+class Person:
     """The person at the terminal; an emulated bench that shares its clock does itself what is asked.
 
-    told: takes what is found. check: raises where it is to end. yes: asks nobody, agrees to all, repeats nothing.
+    collected: takes what is found. check: raises where it is to end. yes: asks nobody, agrees to all, repeats nothing.
     loud: says on stdout what it is told. step: what it is at.
     """
 
-    def __init__(self, port: str, told: "list[Finding]", check: Any, *, yes: bool, loud: bool) -> None:
-        self._port, self._told, self._check, self._yes, self._loud = port, told, check, yes, loud
+    def __init__(self, port: str, collected: "list[Finding]", check: Any, *, yes: bool, loud: bool) -> None:
+        self._port, self._collected, self._check, self._yes, self._loud = port, collected, check, yes, loud
         self.step = ""
 
     def begin(self, step: "Step") -> None:
@@ -307,17 +307,17 @@ class Asked:
         self._say(f"\n{step.name}: {step.title}")
 
     def tell(self, finding: "Finding") -> None:
-        self._told.append(finding)
+        self._collected.append(finding)
         self._say(f"{_LED[finding.severity]} {finding}")
 
     def do(self, words: str, act: int) -> None:
         from sinew.hardware.ports import shared_clock
 
-        asked = f"  {words[0].upper()}{words[1:]}"
+        question = f"  {words[0].upper()}{words[1:]}"
         if self._yes:
-            self._say(asked)
+            self._say(question)
         else:
-            self._ask(f"{asked}, then press Enter: ")
+            self._ask(f"{question}, then press Enter: ")
         self._check()
         if (clock := shared_clock(self._port)) is not None:
             with closing(clock):

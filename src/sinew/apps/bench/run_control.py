@@ -64,8 +64,8 @@ def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
             line.settimeout(timeout_s)
             line.connect(where)
-            asked = {"command": command, "folder": _place(folder)}
-            line.sendall(json.dumps(asked).encode() + b"\n")
+            message = {"command": command, "folder": _folder_id(folder)}
+            line.sendall(json.dumps(message).encode() + b"\n")
             with line.makefile("rb") as answered:
                 answer = json.loads(answered.readline(_MOST_BYTES))
     except (OSError, ValueError) as error:
@@ -98,7 +98,7 @@ def _own_socket(where: str) -> str:
     return where
 
 
-def _place(folder: Path) -> list[int]:
+def _folder_id(folder: Path) -> list[int]:
     """Return what tells a folder from every other, by whatever path: device and inode."""
     about = folder.stat()
     return [about.st_dev, about.st_ino]
@@ -128,7 +128,7 @@ class RunControl:
         document |= {
             "pid": os.getpid(),
             "begun": steering.has_begun,
-            "pause_asked": steering.pause_asked,
+            "pause_asked": steering.pause_requested,
             "ending": halt.reason if halt is not None else None,
             "frozen": sorted(stopped.frozen) if stopped is not None else None,
             "frozen_ms": round(1e3 * stopped.frozen_s, 1) if stopped is not None else None,
@@ -158,7 +158,7 @@ class RunControl:
         return True, "the run pauses after the segment under way"
 
     def _resume(self) -> tuple[bool, str]:
-        was_asked = self._steering.pause_asked
+        was_asked = self._steering.pause_requested
         self._steering.request_resume()
         return was_asked, "the run goes on" if was_asked else "the run has no pause to end"
 
@@ -197,14 +197,17 @@ def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
 
     Raises FileError where another run listens there, or the folder cannot be written.
     """
-    control, made = RunControl(steering), [place for place in (folder, *folder.parents) if not place.exists()]
+    control, made = (
+        RunControl(steering),
+        [folder_id for folder_id in (folder, *folder.parents) if not folder_id.exists()],
+    )
     if os.path.lexists(folder / CONTROL):
         _refuse_other(folder)
     private = _private_folder()
     try:
         with _Server(private / CONTROL, control.carry_out) as server:
             _announce(folder, private / CONTROL)
-            server.place = _place(folder)
+            server.folder_id = _folder_id(folder)
             threading.Thread(target=server.serve_forever, args=(_LOOK_S,), name="control", daemon=True).start()
             try:
                 yield control
@@ -215,8 +218,8 @@ def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
             (folder / CONTROL).unlink()
         shutil.rmtree(private, ignore_errors=True)
         with suppress(OSError):  # of a run that was refused nothing is left
-            for place in made:
-                place.rmdir()
+            for folder_id in made:
+                folder_id.rmdir()
 
 
 def _refuse_other(folder: Path) -> None:
@@ -274,7 +277,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def __init__(self, path: Path, answer: Callable[[str], dict[str, Any]]) -> None:
         self.address_family = socket.AF_UNIX  # as socketserver's own, which Windows has not
         self.answer = answer
-        self.place: list[int] = []
+        self.folder_id: list[int] = []
         super().__init__(cast("Any", str(path)), _Client)
 
     def handle_error(self, request: object, client_address: object) -> None:
@@ -289,11 +292,11 @@ class _Client(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         try:
-            asked = json.loads(self.rfile.readline(_MOST_BYTES))
+            message = json.loads(self.rfile.readline(_MOST_BYTES))
         except ValueError:
-            asked = None
-        command, meant = (asked.get("command"), asked.get("folder")) if isinstance(asked, dict) else (None, None)
-        if meant in (None, self.server.place):
+            message = None
+        command, meant = (message.get("command"), message.get("folder")) if isinstance(message, dict) else (None, None)
+        if meant in (None, self.server.folder_id):
             said = self.server.answer(command if isinstance(command, str) else "(none)")
         else:
             sentence = "this is the run of another folder; nothing was done"

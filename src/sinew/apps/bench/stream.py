@@ -75,7 +75,7 @@ class RunStream:
             def on_subscribe(self, client: object, channel: object) -> None:
                 seen.set()
 
-        plan, rig, columns = _told_of(journal)
+        plan, rig, columns = _setup_of(journal)
         self._tail = JournalTail(journal, math.ceil(seconds * plan.sample_hz))
         self._shown = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
         self._context = context = Context()  # channels that nobody's context holds are not told of
@@ -171,8 +171,8 @@ class RunStream:
     def _send_segment(self, news: News) -> None:
         if news.segment is None:
             return
-        asked = news.segment.asked
-        numbers = {name: getattr(asked, name) for name in ("pretension_mm", "frequency_hz", "amplitude_deg")}
+        planned = news.segment.planned
+        numbers = {name: getattr(planned, name) for name in ("pretension_mm", "frequency_hz", "amplitude_deg")}
         known = {name: value for name, value in numbers.items() if math.isfinite(value)}
         message = {"kind": news.segment.kind, "state": news.segment.state, **known}
         if message != self._segment:
@@ -191,7 +191,7 @@ class RunStream:
         self.close()
 
 
-def _told_of(journal: Path) -> tuple[Plan, RigSpec, tuple[str, ...]]:
+def _setup_of(journal: Path) -> tuple[Plan, RigSpec, tuple[str, ...]]:
     """Return (plan, rig, columns of its samples) of a journal."""
     with JournalReader(journal) as reader:
         columns = tuple(name for name in reader.samples(0, 0) if name != "id")
@@ -222,11 +222,11 @@ def stream_run(run: Path, port: int, back: float, *, until_end: bool, json: bool
         raise FileError(f"there is no journal {journal}, expected the folder of a run; start the run first")
     with RunStream(journal, port, back) as streamed:
         document = {"url": streamed.url, "run": str(run), "topics": streamed.topics}
-        told = [
+        lines = [
             streamed.url,
             "- Foxglove: open a connection, Foxglove WebSocket; PlotJuggler: stream from Foxglove Bridge",
         ]
-        console.print_result(document, told, json=json)
+        console.print_result(document, lines, json=json)
         sys.stdout.flush()
         try:
             while streamed.look() or streamed.is_under_way or not until_end:

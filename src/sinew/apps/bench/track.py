@@ -66,14 +66,19 @@ def track(
     _require_one_bench(port, emulate=emulate, has_faults=bool(fault))
     spec = load_rig(rig)
     bench_run.refuse_unfit_folder(out, resume)
-    asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
-    asked |= {"--from-hz": start, "--follow-hz": follow}
+    given_options = {
+        "--pretension-mm": pretension,
+        "--amplitude-deg": amplitude,
+        "--hold": hold,
+        "--duration-s": duration,
+    }
+    given_options |= {"--from-hz": start, "--follow-hz": follow}
     if resume:
-        plan, expected = _begun_plan(out, asked)
+        plan, expected = _begun_plan(out, given_options)
     else:
         plan, expected = track_plan(spec, pretension, amplitude or "20", hold or "command", duration, start, follow)
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
-    words = ["sinew", "track", rig, *where, *_options(asked, fault or ()), "--out", str(out)]
+    words = ["sinew", "track", rig, *where, *_options(given_options, fault or ()), "--out", str(out)]
     go_on = shlex.join(["sinew", "track", rig, *where, "--out", str(out), "--resume"])
     if port is not None:
         bench_run.await_port(port, wait)
@@ -92,7 +97,7 @@ def track(
     return 0 if document["complete"] and document["is_safe"] else 1
 
 
-def _begun_plan(folder: Path, asked: Mapping[str, object]) -> "tuple[Plan, tuple[ExpectedBackbone, ...]]":
+def _begun_plan(folder: Path, given_options: Mapping[str, object]) -> "tuple[Plan, tuple[ExpectedBackbone, ...]]":
     """Return the plan of the tracking that was begun in a folder, and the backbones that were expected of it.
 
     Raises SpecError where options ask for another, FileError where the folder holds no tracking.
@@ -102,17 +107,17 @@ def _begun_plan(folder: Path, asked: Mapping[str, object]) -> "tuple[Plan, tuple
     from sinew.plan.toml import parse_plan
     from sinew.tune.track import ExpectedBackbone
 
-    if given := [name for name, value in asked.items() if value is not None]:
+    if given := [name for name, value in given_options.items() if value is not None]:
         raise SpecError(f"found {given[0]} beside --resume, which goes on with what was begun; leave it out")
     with JournalReader(folder / bench_run.JOURNAL) as journal:
-        plan, told = parse_plan(journal.plan_toml), journal.attrs.get(BACKBONES_ATTRIBUTE)
-    if plan.track is None or told is None:
+        plan, backbones = parse_plan(journal.plan_toml), journal.attrs.get(BACKBONES_ATTRIBUTE)
+    if plan.track is None or backbones is None:
         raise FileError(
             f"the journal in {folder} is not one that this `sinew track` can go on with: found "
             f"{'a plan without [track]' if plan.track is None else 'no predicted backbones in it'}; "
             f"{'go on by `sinew run --resume`' if plan.track is None else 'track anew in another folder'}"
         )
-    return plan, tuple(ExpectedBackbone.from_json(row) for row in jsonlib.loads(str(told)))
+    return plan, tuple(ExpectedBackbone.from_json(row) for row in jsonlib.loads(str(backbones)))
 
 
 def _require_one_bench(port: str | None, *, emulate: bool, has_faults: bool) -> None:
@@ -122,9 +127,9 @@ def _require_one_bench(port: str | None, *, emulate: bool, has_faults: bool) -> 
         raise SpecError("found --fault with a real bench; faults are for --emulate")
 
 
-def _options(asked: Mapping[str, object], faults: Sequence[str]) -> list[str]:
+def _options(given_options: Mapping[str, object], faults: Sequence[str]) -> list[str]:
     """Return the words of a command line that says what was asked."""
-    options = [word for name, value in asked.items() if value is not None for word in (name, str(value))]
+    options = [word for name, value in given_options.items() if value is not None for word in (name, str(value))]
     return options + [word for text in faults for word in ("--fault", text)]
 
 
@@ -294,7 +299,7 @@ def _refuse_beyond_limits(
             )
 
 
-# What tracking found is told: points of the backbone, how well the phase was held, how well followed.
+# What tracking found is backbones: points of the backbone, how well the phase was held, how well followed.
 
 
 def found_tracks(
@@ -329,5 +334,5 @@ def print_found(document: dict[str, Any]) -> None:
     print(f"{document['ended']}{'' if document['complete'] else done}")
     bench_run.print_pauses(document)
     print(document["left"])
-    console.print_told(Tracking.from_dict(document).blocks())
+    console.print_lines(Tracking.from_dict(document).blocks())
     print(document["recording"] or "no group is whole, so there is no recording")

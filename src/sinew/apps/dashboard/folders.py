@@ -43,7 +43,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 
 
 def is_run_name(name: object) -> bool:
-    """Return whether this is up to 80 letters, digits, '.', '_' or '-', the first a letter or a digit, and no shelf."""
+    """Return whether this is up to 80 letters, digits, '.', '_' or '-', a letter or digit first, and no library."""
     return isinstance(name, str) and _NAME.fullmatch(name) is not None and name.lower() not in SHELVES
 
 
@@ -61,8 +61,8 @@ def require_run_name(name: str) -> str:
 def unlinked(folder: Path) -> Path:
     """Return a run's folder, if neither it nor what lies in it is a link. Raises FileError for one that is."""
     found = folder.name if folder.is_symlink() else None
-    for place in (folder, folder / CACHE):
-        with suppress(OSError), os.scandir(place) as entries:  # what is not there is for others to say
+    for level in (folder, folder / CACHE):
+        with suppress(OSError), os.scandir(level) as entries:  # what is not there is for others to say
             found = found or next((entry.name for entry in entries if entry.is_symlink()), None)
     if found is not None:
         raise FileError(f"{folder.name}: {found} is a link, which is not followed; put the file itself there")

@@ -65,9 +65,9 @@ class Ring:
     def put(self, columns: Array) -> None:
         """Add columns (rows, n); the oldest make room."""
         capacity = self._table.shape[1]
-        kept = columns[:, -capacity:]
-        first = self.count + columns.shape[1] - kept.shape[1]
-        self._table[:, np.arange(first, first + kept.shape[1]) % capacity] = kept
+        retained = columns[:, -capacity:]
+        first = self.count + columns.shape[1] - retained.shape[1]
+        self._table[:, np.arange(first, first + retained.shape[1]) % capacity] = retained
         self.count += columns.shape[1]
 
     def get(self, first: int, end: int) -> Array:
@@ -244,9 +244,9 @@ class Hub:
                 live.events.append((number, "stop" if is_stop else event.severity, str(event), *times))
         live.groups_done = news.groups_done
         if news.segment is not None:
-            asked = news.segment.asked
+            planned = news.segment.planned
             numbers = {
-                name: finite(getattr(asked, name)) for name in ("pretension_mm", "frequency_hz", "amplitude_deg")
+                name: finite(getattr(planned, name)) for name in ("pretension_mm", "frequency_hz", "amplitude_deg")
             }
             live.segment = {"kind": news.segment.kind, "state": news.segment.state, **numbers}
 
@@ -317,7 +317,7 @@ class Results:
     async def run(self) -> None:
         """Follow the hub until cancelled."""
         looked: tuple[str, float] | None = None
-        foretold: tuple[Plan, RigSpec] | None = None
+        expected_text: tuple[Plan, RigSpec] | None = None
         done: tuple[int, int] | None = None  # epoch and groups that were analysed
         predicting: asyncio.Task[None] | None = None
         while True:
@@ -325,9 +325,9 @@ class Results:
             if live is not None and (live.name, live.started) != looked:
                 looked = (live.name, live.started)
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
-                told = parse_plan(live.plan_toml), parse_rig(live.rig_toml)
-                if told != foretold:  # a run that goes on keeps what was predicted of it
-                    foretold = told
+                lines = parse_plan(live.plan_toml), parse_rig(live.rig_toml)
+                if lines != expected_text:  # a run that goes on keeps what was predicted of it
+                    expected_text = lines
                     self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
                     if predicting is not None:
                         predicting.cancel()
@@ -410,13 +410,13 @@ _PIXELS = (50, 4000)
 @dataclass
 class View:
     """How a viewer looks: base_s, width of its oscilloscope [s], in so many columns of pixels; sent: number of the next
-    sample that it has not seen, of a run's epoch. told: run and number of the newest event that it was told."""
+    sample that it has not seen, of a run's epoch. last_sent: run and number of the newest event that it was told."""
 
     base_s: float = 5.0
     pixels: int = 600
     epoch: int = 0
     sent: int = 0
-    told: tuple[str, float, int] | None = None
+    last_sent: tuple[str, float, int] | None = None
 
     def change(self, message: str) -> None:
         """Take what the viewer says: {"base_s": number, "pixels": number}. Raises ValueError where it is not that."""
@@ -477,9 +477,9 @@ def state_of(hub: Hub, view: View | None = None) -> bytes:
     said: dict[str, Any] = {"kind": "state", "steward": hub.steward, "live": None, "trouble": hub.trouble}
     if live is not None:
         newest = (live.name, live.started, live.events[-1][0] if live.events else 0)
-        is_old = view is not None and view.told == newest
+        is_old = view is not None and view.last_sent == newest
         if view is not None:
-            view.told = newest
+            view.last_sent = newest
         said["live"] = {
             "name": live.name,
             "groups": live.groups,
@@ -511,14 +511,14 @@ async def serve_stream(socket: WebSocket, hub: Hub) -> None:
 
 async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Task[None]") -> None:
     loop = asyncio.get_running_loop()
-    told = -_STATE_S
+    last_sent = -_STATE_S
     while not listening.done():
         looked = hub.next_look  # before the frame is made: a look while it is sent is not missed
         frame = frame_of(hub.live, view) if hub.live is not None else None
         if frame is not None:
             await asyncio.wait_for(socket.send_text(frame.decode()), _SEND_S)
-        if loop.time() - told >= _STATE_S:
-            told = loop.time()
+        if loop.time() - last_sent >= _STATE_S:
+            last_sent = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
         tick = asyncio.ensure_future(looked.wait())
         try:  # who leaves makes room at once, also where nothing is looked at

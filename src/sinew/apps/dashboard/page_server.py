@@ -66,7 +66,7 @@ def make_app(config: Config, access: Access, work: Worker, status: Callable[[], 
 
     @asynccontextmanager
     async def living(_: FastAPI) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(_kept_going(each)) for each in (hub.run, site.results.run)]
+        tasks = [asyncio.create_task(_run_for_ever(each)) for each in (hub.run, site.results.run)]
         try:
             yield
         finally:
@@ -104,7 +104,7 @@ def make_app(config: Config, access: Access, work: Worker, status: Callable[[], 
     return app
 
 
-async def _kept_going(task: Callable[[], Awaitable[None]]) -> None:
+async def _run_for_ever(task: Callable[[], Awaitable[None]]) -> None:
     """Run a task that has no end, and begin it again where a fault of our own ends it; the log has the fault."""
     while True:
         try:

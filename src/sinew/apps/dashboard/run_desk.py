@@ -110,7 +110,7 @@ def read_specs(plan: str, rig: str) -> Specs:
     return Specs(parsed.name, parsed.is_spatial, parse_rig(rig, "the rig"))
 
 
-class Way(NamedTuple):
+class BenchPort(NamedTuple):
     """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s]."""
 
     port: str
@@ -146,8 +146,8 @@ class Run:
         """The name of its folder."""
         return self.folder.name
 
-    def document(self, told: dict[str, Any]) -> dict[str, Any]:
-        """Return the run as the status tells it. told: state and sentence."""
+    def document(self, status_now: dict[str, Any]) -> dict[str, Any]:
+        """Return the run as the status tells it. status_now: state and sentence."""
         return {
             "name": self.name,
             "folder": str(self.folder),
@@ -155,7 +155,7 @@ class Run:
             "plan": self.specs.plan,
             "rig": self.specs.rig.name,
             "pid": self.process.pid,
-            **told,
+            **status_now,
         }
 
 
@@ -168,7 +168,7 @@ def running_elsewhere(runs: Path, control: Control) -> Path | None:
     return None
 
 
-def told_at_end(folder: Path) -> str | None:
+def ending_sentence(folder: Path) -> str | None:
     """Return how a run that has ended says that it ended, or None where it said nothing."""
     try:
         with open_inside(folder.parent, folder / LOG) as file:
@@ -180,8 +180,8 @@ def told_at_end(folder: Path) -> str | None:
     starts = [number for number, line in enumerate(lines) if line == "{"]
     if starts:
         with suppress(ValueError, KeyError, TypeError):
-            told, _ = json.JSONDecoder().raw_decode("\n".join(lines[starts[-1] :]))
-            return f"{told['ended']}; {told['left']}"
+            status_now, _ = json.JSONDecoder().raw_decode("\n".join(lines[starts[-1] :]))
+            return f"{status_now['ended']}; {status_now['left']}"
     said = [line.strip() for line in lines if line.strip()]
     return said[-1].removeprefix("sinew: ") if said else None
 
@@ -212,7 +212,7 @@ class RunDesk:
     def __init__(self, runs: Path, control: Control, command: Callable[..., list[str]]) -> None:
         self._runs, self._control, self._command = runs, control, command
         self._lock = threading.Lock()
-        self._told: dict[str, Any] = {}
+        self._status: dict[str, Any] = {}
         self._is_starting = False
         self._alarms = self._unanswered = 0
         self._over = threading.Event()
@@ -244,60 +244,60 @@ class RunDesk:
             self._alarms += 1
             return self.run
 
-    def start(self, name: str, plan: str, rig: str, bench: Callable[[Specs], Way]) -> str:
+    def start(self, name: str, plan: str, rig: str, bench: Callable[[Specs], BenchPort]) -> str:
         """Begin a run, and return a sentence. Raises RefusedError.
 
         name: of its folder. plan, rig: TOML texts. bench: gives the way to one that can run them, or raises. While one
         is begun or under way, another is refused.
         """
 
-        def prepare() -> tuple[Path, Specs, Way]:
+        def prepare() -> tuple[Path, Specs, BenchPort]:
             specs = read_specs(plan, rig)
-            way, folder = bench(specs), self._runs / require_run_name(name)
+            bench_port, folder = bench(specs), self._runs / require_run_name(name)
             try:
                 folder.mkdir()
             except FileExistsError:
                 raise RefusedError(409, f"there is a run {name} already; choose another name") from None
             _write_texts(folder, plan, rig)
-            return folder, specs, way
+            return folder, specs, bench_port
 
         return self._begin(prepare, f"the run {name} begins")
 
-    def go_on(self, name: str, bench: Callable[[Specs], Way]) -> str:
+    def go_on(self, name: str, bench: Callable[[Specs], BenchPort]) -> str:
         """Go on with a run that ended early, and return a sentence; as `start`. Raises RefusedError."""
         folder = self._runs / name
         if not is_run_name(name) or not (folder / JOURNAL).is_file():
             raise RefusedError(404, "found no run of that name to go on with; the page Runs lists them")
 
-        def prepare() -> tuple[Path, Specs, Way]:
+        def prepare() -> tuple[Path, Specs, BenchPort]:
             journal = summarise_journal(unlinked(folder) / JOURNAL)  # also of a run that was begun in a terminal
             if not ending_of(folder)["can_resume"]:
                 raise RefusedError(409, f"nothing of the run {name} is left to do; start another")
             specs = read_specs(journal.plan_toml, journal.rig_toml)
-            way = bench(specs)
+            bench_port = bench(specs)
             _write_texts(folder, journal.plan_toml, journal.rig_toml)
             with (folder / LOG).open("a", encoding="utf-8") as log:
                 log.write(f"{RESUMED}\n")
-            return folder, specs, way
+            return folder, specs, bench_port
 
         return self._begin(prepare, f"the run {name} goes on", "--resume")
 
-    def _begin(self, prepare: Callable[[], tuple[Path, Specs, Way]], sentence: str, *more: str) -> str:
+    def _begin(self, prepare: Callable[[], tuple[Path, Specs, BenchPort]], sentence: str, *more: str) -> str:
         """Have a run begin, unless there is one, or an emergency comes in between; return what is to be said of it."""
         with self._lock:
             if not self.is_idle:
                 raise RefusedError(409, f"a run {'is being begun' if self.run is None else self.run.name} already")
             self._is_starting, alarms = True, self._alarms
         try:
-            folder, specs, way = prepare()
-            words = ["run", str(folder / "plan.toml"), "--rig", str(folder / "rig.toml"), "--port", way.port]
-            words += ["--wait", f"{way.wait_s:g}"] if way.wait_s else []
+            folder, specs, bench_port = prepare()
+            words = ["run", str(folder / "plan.toml"), "--rig", str(folder / "rig.toml"), "--port", bench_port.port]
+            words += ["--wait", f"{bench_port.wait_s:g}"] if bench_port.wait_s else []
             process = spawn(self._command(*words, "--out", str(folder), "--json", *more), folder / LOG)
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
                     self.run, self.rig = Run(folder, process, time.time(), specs), specs.rig
-                    self._told, self.newest_s = {"state": "starting", "sentence": ""}, time.time()
+                    self._status, self.newest_s = {"state": "starting", "sentence": ""}, time.time()
             if is_late:
                 end_process(process, 0.0, signal.SIGKILL)
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
@@ -336,7 +336,7 @@ class RunDesk:
     def document(self) -> dict[str, Any] | None:
         """Return the run under way as the status tells it, or None."""
         run = self.run
-        return None if run is None else run.document(self._told)
+        return None if run is None else run.document(self._status)
 
     def _follow(self) -> None:
         looks = 0
@@ -348,9 +348,13 @@ class RunDesk:
                     self.elsewhere = running_elsewhere(self._runs, self._control)
             elif (status := run.process.poll()) is not None:
                 let_go(run.process)
-                how = f"the run was ended by {signal.Signals(-status).name}" if status < 0 else told_at_end(run.folder)
-                told = {"state": "ended", "sentence": how or "the run has ended"}
-                self.last = run.document(told) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
+                how = (
+                    f"the run was ended by {signal.Signals(-status).name}"
+                    if status < 0
+                    else ending_sentence(run.folder)
+                )
+                status_now = {"state": "ended", "sentence": how or "the run has ended"}
+                self.last = run.document(status_now) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
                 self.run = None
             elif looks % _ASK_EVERY == 0:
                 self._ask(run)
@@ -359,23 +363,23 @@ class RunDesk:
         try:
             self._note(self._control(run.folder, "status", timeout_s=_ANSWER_S))
         except SinewError:
-            if self._told["state"] == "starting":
+            if self._status["state"] == "starting":
                 return
             if not (run.folder / CONTROL).exists():  # it listens as long as it holds the bench
-                self._told = {"state": "finishing", "sentence": "the bench is at rest; the recording is written"}
+                self._status = {"state": "finishing", "sentence": "the bench is at rest; the recording is written"}
                 return
             self._unanswered += 1
             if self._unanswered > 1:  # between the two it may have been about to end
-                self._told = {"state": "silent", "sentence": "the run does not answer"}
+                self._status = {"state": "silent", "sentence": "the run does not answer"}
 
     def _note(self, answer: dict[str, Any]) -> None:
         self._unanswered = 0
         state = answer.get("state")
         at = state if isinstance(state, dict) else {}
-        told = str(at.get("state") or "running")
-        if told == "running" and at.get("pause_asked") is True:
-            told = "pausing"
-        self._told = {"state": told, "sentence": str(answer.get("sentence", ""))}
+        status_now = str(at.get("state") or "running")
+        if status_now == "running" and at.get("pause_asked") is True:
+            status_now = "pausing"
+        self._status = {"state": status_now, "sentence": str(answer.get("sentence", ""))}
 
 
 def _write_texts(folder: Path, plan: str, rig: str) -> None:
@@ -599,7 +603,7 @@ def bring_to_rest(
             with open_rig(port, spec) as (bench, clock):
                 declared = state or spec.limits.safe_state
                 return stop(
-                    bench, clock, declared, on_frozen, is_emergency=is_emergency(), emergency_asked=is_emergency
+                    bench, clock, declared, on_frozen, is_emergency=is_emergency(), emergency_requested=is_emergency
                 )
         except PortError:
             if time.monotonic() >= end:

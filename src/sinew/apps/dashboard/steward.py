@@ -30,6 +30,7 @@ from sinew.apps.bench.run_control import forget_socket, send_control
 from sinew.apps.dashboard.access import Access, Gate, said, server_config
 from sinew.apps.dashboard.folders import BENCH, RefusedError
 from sinew.apps.dashboard.run_desk import (
+    BenchPort,
     Control,
     Emergency,
     Order,
@@ -37,7 +38,6 @@ from sinew.apps.dashboard.run_desk import (
     Rest,
     RunDesk,
     Specs,
-    Way,
     await_end,
     bring_to_rest,
     end_process,
@@ -45,7 +45,7 @@ from sinew.apps.dashboard.run_desk import (
     sinew_command,
     spawn,
 )
-from sinew.apps.dashboard.work.runs import put_on_shelf
+from sinew.apps.dashboard.work.runs import put_in_library
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
@@ -175,11 +175,11 @@ class SteeringCommand(BaseModel):
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    command: Literal["start", "continue", "pause", "resume", "hold", "release", "stop", "shelve"]
+    command: Literal["start", "continue", "pause", "resume", "hold", "release", "stop", "store"]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
-    shelf: Literal["rigs", "plans"] | None = None
+    library: Literal["rigs", "plans"] | None = None
     text: _Text | None = None
     replace: bool = False
 
@@ -197,11 +197,11 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
     """
 
     async def status(request: Request) -> Response:
-        told = steward.status()
-        told |= {"signed_in": access.is_signed_in(request), "may_stop": access.may_stop(request)}
+        content = steward.status()
+        content |= {"signed_in": access.is_signed_in(request), "may_stop": access.may_stop(request)}
         if access.bearer_is_right(request):  # the server of the pages, which lets no ended session in
-            told["signed_out"] = sorted(access.signed_out)
-        return JSONResponse(told)
+            content["signed_out"] = sorted(access.signed_out)
+        return JSONResponse(content)
 
     async def sign_out(request: Request) -> Response:
         session = access.session(request)
@@ -212,21 +212,21 @@ def steering_app(access: Access, steward: "Steward") -> ASGIApp:
         return answer
 
     async def command(request: Request) -> Response:
-        told: object = None
+        content: object = None
         if access.may_stop(request):
             with suppress(ValueError, RecursionError):
-                told = json.loads(await request.body())
-            if isinstance(told, dict) and told.get("command") == "emergency":
+                content = json.loads(await request.body())
+            if isinstance(content, dict) and content.get("command") == "emergency":
                 # Whoever is signed in or sits here may stop the bench, however old the page: twice harms nobody.
                 outcome = await asyncio.shield(asyncio.wrap_future(steward.order_emergency().answer))
                 return said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
         if not access.is_signed_in(request):
             return said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
-        if not isinstance(told, dict):
+        if not isinstance(content, dict):
             return said(400, "found no JSON object, expected a command")
         try:
-            asked = SteeringCommand.model_validate(told)
-            return said(200, await asyncio.to_thread(_carry_out, steward, asked))
+            steering_command = SteeringCommand.model_validate(content)
+            return said(200, await asyncio.to_thread(_carry_out, steward, steering_command))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             where = ".".join(map(str, first["loc"])) or "the command"
@@ -254,8 +254,8 @@ def _carry_out(steward: "Steward", command: SteeringCommand) -> str:
         return steward.start(*command.needed("name", "plan", "rig"))
     if command.command == "continue":
         return steward.go_on(*command.needed("name"))
-    if command.command == "shelve":
-        return put_on_shelf(steward.runs, *command.needed("shelf", "name", "text"), replace=command.replace)
+    if command.command == "store":
+        return put_in_library(steward.runs, *command.needed("library", "name", "text"), replace=command.replace)
     return steward.tell(command.command)
 
 
@@ -363,7 +363,7 @@ class Steward:
         """Go on with a run that ended early, and return a sentence. Raises RefusedError."""
         return self._desk.go_on(name, self._free_bench)
 
-    def _free_bench(self, specs: Specs) -> Way:
+    def _free_bench(self, specs: Specs) -> BenchPort:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
         An emulated one is begun for the run, which waits for it.
@@ -373,7 +373,7 @@ class Steward:
         if self._emergency.is_under_way:
             raise RefusedError(409, "the bench is being brought to rest; wait until it is")
         if self._emulator is None:
-            return Way(self.port)
+            return BenchPort(self.port)
         if specs.sways and specs.rig.space is None:
             raise RefusedError(
                 409,
@@ -381,7 +381,7 @@ class Steward:
                 "masses of head and lever",
             )
         self._emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
-        return Way(self.port, _ANEW_S)
+        return BenchPort(self.port, _ANEW_S)
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, or bring a bench without one to rest; return a sentence.

@@ -1,6 +1,6 @@
 """Workers of a page server: for what takes long, or needs JAX, processes of their own.
 
-Each pool is one process with less right to a core than a control loop. `quick` needs no JAX: shelf, lists, what a run
+Each pool is one process with less right to a core than a control loop. `quick` needs no JAX: library, lists, what a run
 under way has found. `sliders` has compiled what those need. `preview` is for what a start and a save wait for, `heavy`
 for predictions of whole plans, `results` for runs that are opened. So none of them waits behind what takes longer. A
 process begins with its first call, ends where nobody asks any more, and with the process that made it.
@@ -67,7 +67,7 @@ def _calls(module: str, pool: str, most_s: float, *names: str) -> dict[str, Call
 
 
 CALLS = {
-    **_calls("runs", "quick", _SHORT_S, "shelf", "read_shelf", "look_at_runs", "read_run", "run_trends"),
+    **_calls("runs", "quick", _SHORT_S, "library", "read_library", "look_at_runs", "read_run", "run_trends"),
     **_calls("runs", "quick", _SHORT_S, "run_differences"),
     **_calls("results", "quick", _SHORT_S, "measured_so_far"),
     **_calls("samples", "quick", _SHORT_S, "samples_about", "samples_piece", "samples_spectrum"),
@@ -129,8 +129,8 @@ class _Process:
                 if self._executor is None:
                     self._executor = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin)
                 with suppress(BrokenProcessPool):
-                    asked = self._executor.submit(_run, call.module, name, arguments)
-                    return await asyncio.wait_for(asyncio.wrap_future(asked), call.most_s)
+                    pending = self._executor.submit(_run, call.module, name, arguments)
+                    return await asyncio.wait_for(asyncio.wrap_future(pending), call.most_s)
                 self.end()
             raise WorkerError("the process that computes this ended twice, perhaps for want of memory")
         except TimeoutError:
@@ -194,12 +194,12 @@ class Worker:
             process.end()
 
 
-async def unless_left(asked: Awaitable[Any], left: Awaitable[Any]) -> Any:
+async def unless_left(pending: Awaitable[Any], left: Awaitable[Any]) -> Any:
     """Return what is asked for a page, unless that is left before: it is cancelled then.
 
     left: ends when the page is left. Raises CancelledError where it was.
     """
-    call, leaving = asyncio.ensure_future(asked), asyncio.ensure_future(left)
+    call, leaving = asyncio.ensure_future(pending), asyncio.ensure_future(left)
     try:
         await asyncio.wait((call, leaving), return_when=asyncio.FIRST_COMPLETED)
     finally:

@@ -14,7 +14,7 @@ from sinew.measure.errors import SpecError
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
     from sinew.predict.design import Design
-    from sinew.predict.predicted import RigAsked
+    from sinew.predict.predicted import PredictionRequest
     from sinew.predict.section import Section
 
 BASE_RIG = "paper"
@@ -217,17 +217,17 @@ Without = Annotated[
 ]
 
 
-def rig_asked(
+def prediction_request(
     pretension: str, amplitude: float, mode: str, without: list[str] | None, start: float | None, stop: float | None
-) -> "RigAsked":
+) -> "PredictionRequest":
     """Return what the options ask of a rig. Raises SpecError where one of them cannot be meant."""
     check_choice("--mode", mode, MODES)
     pretensions = number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
     check_angle("--amplitude-deg", amplitude)
     band_hz = checked_band((_BAND_HZ[0] if start is None else start, _BAND_HZ[1] if stop is None else stop))
-    from sinew.predict.predicted import RigAsked
+    from sinew.predict.predicted import PredictionRequest
 
-    return RigAsked(pretensions, amplitude, mode, tuple(without or ()), band_hz)
+    return PredictionRequest(pretensions, amplitude, mode, tuple(without or ()), band_hz)
 
 
 def check_angle(option: str, angle_deg: float) -> None:

@@ -82,10 +82,10 @@ def pose(
         raise SpecError("found --pretension-mm beside what each tendon does; give one of them")
     from sinew.plan.plan import Pose
     from sinew.plan.toml import load_rig
-    from sinew.predict.pose import Asked, find_pose
+    from sinew.predict.pose import PoseRequest, find_pose
 
-    asked = Asked(pretensions[0], Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
-    found = find_pose(load_rig(rig), asked)
+    request = PoseRequest(pretensions[0], Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
+    found = find_pose(load_rig(rig), request)
     if out is None:
         _tell(found, json=json)
         return
@@ -266,9 +266,11 @@ def model(
         **model_document(bodies),
     }
     modes = ", ".join(f"{name} {hz:.3f} Hz" for name, hz in document["frequency_hz"].items())
-    told = [f"{out}: {document['pieces']} pieces, {len(document['tension_n'])} tendons", modes] if modes else [str(out)]
-    told += [f"- {sentence}" for sentence in document["assumptions"]]
-    console.print_result(document, told, json=json)
+    report = (
+        [f"{out}: {document['pieces']} pieces, {len(document['tension_n'])} tendons", modes] if modes else [str(out)]
+    )
+    report += [f"- {sentence}" for sentence in document["assumptions"]]
+    console.print_result(document, report, json=json)
 
 
 def _write_linear(

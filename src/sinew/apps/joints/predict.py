@@ -18,7 +18,7 @@ from sinew.apps.joints.options import (
     Pretension,
     Without,
     designed_rig,
-    rig_asked,
+    prediction_request,
     with_options,
 )
 from sinew.measure.errors import SpecError
@@ -26,7 +26,7 @@ from sinew.measure.errors import SpecError
 if TYPE_CHECKING:
     from sinew.identify.forced import Forced, Kind, Mechanics
     from sinew.predict.against import Measured
-    from sinew.predict.predicted import Compared, Predicted, RigAsked, Steady
+    from sinew.predict.predicted import Compared, Predicted, PredictionRequest, Steady
 
 
 # ---- on a fit: levels of a drive and one measured point, in the units that they are said in
@@ -268,16 +268,16 @@ def predict(
         return
     if not rigs and not joint.given:
         raise SpecError("expected a RIG, FIT.json, --oscillator, or options of a joint")
-    asked = rig_asked(pretension, amplitude, mode, without, start, stop)
+    requested = prediction_request(pretension, amplitude, mode, without, start, stop)
     if subject is RIGS:
-        _predict_rigs(rigs, asked, out, rebuild, json=json)
+        _predict_rigs(rigs, requested, out, rebuild, json=json)
         return
     rig = rigs[0] if rigs else None
     if bend is not None:
-        _predict_bent(rig, joint, asked, (bend, azimuth), out, json=json)
+        _predict_bent(rig, joint, requested, (bend, azimuth), out, json=json)
         return
     further = Further(bands, seed, backbone, against, fitted, start, stop)
-    _predict_rig(rig, joint, asked, further, out, rebuild, json=json)
+    _predict_rig(rig, joint, requested, further, out, rebuild, json=json)
 
 
 class Further(NamedTuple):
@@ -299,7 +299,7 @@ class Further(NamedTuple):
 def _predict_rig(
     base: str | None,
     joint: JointOptions,
-    asked: "RigAsked",
+    requested: "PredictionRequest",
     further: Further,
     out: Path | None,
     rebuild: str,
@@ -336,14 +336,14 @@ def _predict_rig(
         if base is None:
             raise SpecError("--against needs a RIG: the one that was calibrated, to be held against the recording")
         measured = measured_of(load_recording(further.against), before)
-        asked = _asked_of_recording(measured, further, asked)
+        requested = _request_for_recording(measured, further, requested)
     rig, design = designed_rig(base, joint)
-    found = predict_rig(rig, asked)
+    found = predict_rig(rig, requested)
     if further.bands is not None:
         with console.progress_bar("draw") as progress:
             found = with_bands(found, before, further.bands, further.seed, progress)
     if measured is not None and further.against is not None:
-        against = hold_against(measured, found.prediction, rig, asked.effects, fitted, further.against.name)
+        against = hold_against(measured, found.prediction, rig, requested.effects, fitted, further.against.name)
         found = replace(found, against=against)
     if further.backbone:
         found = with_backbone(found)
@@ -353,7 +353,9 @@ def _predict_rig(
     _print_written(found, document, out, "prediction", rebuild, json=json)
 
 
-def _asked_of_recording(measured: "Measured", further: Further, asked: "RigAsked") -> "RigAsked":
+def _request_for_recording(
+    measured: "Measured", further: Further, requested: "PredictionRequest"
+) -> "PredictionRequest":
     """Return what is asked of a rig so that it can be held against a recording.
 
     Pretensions, amplitude and mode are the recording's, and so is the band unless it was given; what the twin had
@@ -364,11 +366,11 @@ def _asked_of_recording(measured: "Measured", further: Further, asked: "RigAsked
     if start > low or stop < high:
         name = further.against.name if further.against is not None else "the recording"
         raise SpecError(f"{name} goes from {low:g} to {high:g} Hz; leave --from-hz and --to-hz out, or widen them")
-    return asked._replace(
+    return requested._replace(
         pretensions=[float(one) for one in measured.response.pretension_mm],
         amplitude_deg=measured.amplitude_deg,
         mode=measured.mode,
-        without=tuple(dict.fromkeys((*asked.without, *measured.effects_off))),
+        without=tuple(dict.fromkeys((*requested.without, *measured.effects_off))),
         band_hz=(start, stop),
     )
 
@@ -394,7 +396,7 @@ def _print_written(
 def _predict_bent(
     base: str | None,
     joint: JointOptions,
-    asked: "RigAsked",
+    requested: "PredictionRequest",
     pose_deg: tuple[float, float],
     out: Path | None,
     *,
@@ -412,13 +414,13 @@ def _predict_bent(
     with console.progress_bar("follow") as progress:
         found = predict_bent(
             rig,
-            asked.pretensions,
+            requested.pretensions,
             bend_deg=bend,
             azimuth_deg=azimuth,
-            amplitude_deg=asked.amplitude_deg,
-            mode=asked.tendon_mode,
-            without=asked.without,
-            band_hz=asked.band_hz,
+            amplitude_deg=requested.amplitude_deg,
+            mode=requested.tendon_mode,
+            without=requested.without,
+            band_hz=requested.band_hz,
             progress=progress,
         )
     written = ""
@@ -470,7 +472,9 @@ def _oscillator(
     return predict_oscillator(one, band_hz, backbone=backbone)
 
 
-def _predict_rigs(rigs: list[str], asked: "RigAsked", out: Path | None, rebuild: str, *, json: bool) -> None:
+def _predict_rigs(
+    rigs: list[str], requested: "PredictionRequest", out: Path | None, rebuild: str, *, json: bool
+) -> None:
     """Print the curves of several rigs side by side; write figures and page where `out` says so."""
     from sinew.measure.result import Rows
     from sinew.plan.toml import load_rig
@@ -482,6 +486,6 @@ def _predict_rigs(rigs: list[str], asked: "RigAsked", out: Path | None, rebuild:
     with console.progress_bar("predict") as progress:
         for i, (rig, source) in enumerate(zip(loaded, rigs, strict=True)):
             progress(i, len(loaded))
-            rows.append(replace(predict_rig(rig, asked), source=source))
-    found = Compared(asked.amplitude_deg, Rows(rows))
+            rows.append(replace(predict_rig(rig, requested), source=source))
+    found = Compared(requested.amplitude_deg, Rows(rows))
     _print_written(found, found.to_dict(), out, "comparison", rebuild, json=json)

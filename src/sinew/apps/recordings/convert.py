@@ -169,9 +169,9 @@ def _export_tables(
         for file in table_files(out, tables):
             console.require_file(file)
         files = export_table(document, out, parts, chosen)
-        told = [f"{file}" for file in files]
+        lines = [f"{file}" for file in files]
         names = [one.name for one in tables]
-        console.print_result({"files": [str(file) for file in files], "parts": names}, told, json=json)
+        console.print_result({"files": [str(file) for file in files], "parts": names}, lines, json=json)
     elif json:
         console.print_json({"parts": [one._asdict() for one in tables]})
     elif to == "latex":

@@ -122,19 +122,19 @@ def identify(
     spread = console.spread_of(scheduler, workers, keep)
     if many is None and (scheduler, workers, keep) != (None, 1, None):
         raise SpecError("--scheduler, --workers and --keep are for several files, or a folder; leave them out")
-    asked = _Asked(
+    request = _Request(
         file=files[0],
         given=console.given_options(context),
-        **{name: context.params[name] for name in _Asked.__annotations__ if name not in ("file", "given")},
+        **{name: context.params[name] for name in _Request.__annotations__ if name not in ("file", "given")},
     )
     if many is not None:
-        _identify_many([replace(asked, file=file) for file in many], spread, out, json=json)
+        _identify_many([replace(request, file=file) for file in many], spread, out, json=json)
         return
-    found = _found(asked, console.progress_bar)
+    found = _found(request, console.progress_bar)
     written = ""
     if out is not None:
         with console.progress_bar("draw"):
-            written = f"page: {_write(found, asked, out, console.command_line(context))}"
+            written = f"page: {_write(found, request, out, console.command_line(context))}"
     console.print_result(found.to_dict(), found.blocks(), written, json=json)
 
 
@@ -156,28 +156,28 @@ def _recordings_in(files: list[Path]) -> list[Path] | None:
     return found
 
 
-def _identify_many(asked: "list[_Asked]", spread: "Spread", out: Path | None, *, json: bool) -> None:
+def _identify_many(request: "list[_Request]", spread: "Spread", out: Path | None, *, json: bool) -> None:
     """Identify every file, and print a row for each; a document for each goes into the folder as it comes."""
     from sinew.measure.tasks import each_task
 
-    tasks = [(replace(one, file=one.file.absolute()), _stamp(one.file)) for one in asked]
-    rows: list[dict[str, Any]] = [{}] * len(asked)
+    tasks = [(replace(one, file=one.file.absolute()), _stamp(one.file)) for one in request]
+    rows: list[dict[str, Any]] = [{}] * len(request)
     with console.progress_bar("identify") as progress:
-        for place, found in each_task(_one_of_many, tasks, spread, progress):
-            file = asked[place].file
-            rows[place] = {"file": str(file), **found}
+        for index, found in each_task(_one_of_many, tasks, spread, progress):
+            file = request[index].file
+            rows[index] = {"file": str(file), **found}
             if out is not None:
                 name = file.parent.name if file.name == "recording.nc" else file.stem
-                console.write_json(rows[place], out / f"{place + 1:04d}-{name}.json")
+                console.write_json(rows[index], out / f"{index + 1:04d}-{name}.json")
     sound = [row for row in rows if "refused" not in row]
     cells = [
         (row["file"], row["model"], *(shown(row[name]) for name in ("natural_frequency_hz", "damping_ratio")))
         for row in sound
     ]
-    told: list[Table | str] = [Table(("file", "model", "natural frequency/Hz", "damping ratio"), cells)]
-    told += [f"- {row['file']}: {row['refused']}" for row in rows if "refused" in row]
+    lines: list[Table | str] = [Table(("file", "model", "natural frequency/Hz", "damping ratio"), cells)]
+    lines += [f"- {row['file']}: {row['refused']}" for row in rows if "refused" in row]
     document = {"identified": len(sound), "refused": len(rows) - len(sound), "files": rows}
-    console.print_result(document, told, f"documents: {out}" if out is not None else "", json=json)
+    console.print_result(document, lines, f"documents: {out}" if out is not None else "", json=json)
 
 
 def _stamp(file: Path) -> tuple[int, int]:
@@ -189,7 +189,7 @@ def _stamp(file: Path) -> tuple[int, int]:
     return found.st_size, found.st_mtime_ns
 
 
-def _one_of_many(task: "tuple[_Asked, tuple[int, int]]") -> dict[str, Any]:
+def _one_of_many(task: "tuple[_Request, tuple[int, int]]") -> dict[str, Any]:
     """Return the document of one file, or why there is none."""
     try:
         return _found(task[0], lambda _: nullcontext()).to_dict()
@@ -198,7 +198,7 @@ def _one_of_many(task: "tuple[_Asked, tuple[int, int]]") -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Request:
     """What the command line asked for: the options by the command's parameters, and which of them were given."""
 
     file: Path
@@ -228,8 +228,8 @@ class _Asked:
     def about(self) -> str:
         """Return what was fitted, a sentence for the page."""
         shown = {"input": self.input_, "output": self.output, "excitation": self.excitation}
-        told = ", ".join(f"{name} {value}" for name, value in shown.items() if value is not None)
-        return f"From {self.file.name}{f': {told}' if told else ''}."
+        sentence = ", ".join(f"{name} {value}" for name, value in shown.items() if value is not None)
+        return f"From {self.file.name}{f': {sentence}' if sentence else ''}."
 
 
 _OF_TABLES = ("time", "input_", "output", "frequency", "phase", "rate", "run", "columns", "gaps")
@@ -238,24 +238,24 @@ _OF_SAMPLES = ("time", "rate", "train", "test", "start", "stop", "gaps", "poster
 _OF_STEPS = ("frequency", "phase", "chain")
 
 
-def _refuse_options(asked: _Asked, *, recorded: bool) -> None:
+def _refuse_options(request: _Request, *, recorded: bool) -> None:
     """Raise SpecError for an option that does not go with the file, or with --kind. recorded: whether it is NetCDF."""
 
     def first(names: tuple[str, ...]) -> str | None:
-        return next((asked.given[name] for name in names if name in asked.given), None)
+        return next((request.given[name] for name in names if name in request.given), None)
 
-    if asked.kind == "samples" and (option := first(_OF_STEPS)):
+    if request.kind == "samples" and (option := first(_OF_STEPS)):
         raise SpecError(f"{option} is for steady states; add --kind stepped, or leave it out")
-    if asked.kind == "stepped" and (option := first(_OF_SAMPLES)):
+    if request.kind == "stepped" and (option := first(_OF_SAMPLES)):
         raise SpecError(f"{option} is for samples over time, FILE holds steady states; leave it out")
-    if asked.kind == "stepped" and asked.model == "tendon":
+    if request.kind == "stepped" and request.model == "tendon":
         raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
     if recorded and first(_OF_TABLES):
         raise SpecError(
             "a recording knows its columns and its gaps; --time, --input, --output, --frequency, --phase, --rate, "
             "--run, --columns and --gaps are for tables"
         )
-    if not recorded and asked.model == "tendon":
+    if not recorded and request.model == "tendon":
         raise SpecError("model tendon needs the recording of a rig (NetCDF), this is a table; choose cubic or auto")
     if not recorded and (option := first(_OF_RIGS)):
         raise SpecError(f"{option} is for the recording of a rig (NetCDF), this is a table; leave it out")
@@ -273,39 +273,39 @@ def _range(flag: str, text: str | None) -> tuple[int, int] | None:
 _Bar = Callable[[str], AbstractContextManager[console.Progress | None]]
 
 
-def _found(asked: _Asked, bar: _Bar) -> "Identified":
+def _found(request: _Request, bar: _Bar) -> "Identified":
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
-    recorded = is_recording(asked.file)
-    _refuse_options(asked, recorded=recorded)
-    train, test = _range("--train", asked.train), _range("--test", asked.test)
-    chain = _chain(asked.chain)
+    recorded = is_recording(request.file)
+    _refuse_options(request, recorded=recorded)
+    train, test = _range("--train", request.train), _range("--test", request.test)
+    chain = _chain(request.chain)
     record: xr.Dataset | Record | tuple[ResponsePoints, ...]
-    with bar("models compared" if asked.model == "auto" else "fit") as progress:
-        if asked.kind == "stepped":
-            record = _recorded_points(asked) if recorded else _table_points(asked)
+    with bar("models compared" if request.model == "auto" else "fit") as progress:
+        if request.kind == "stepped":
+            record = _recorded_points(request) if recorded else _table_points(request)
         elif recorded:
-            record = load_recording(asked.file)
+            record = load_recording(request.file)
         else:
-            record, skipped = _table_record(asked, train, test)
+            record, skipped = _table_record(request, train, test)
             train, test = _moved(train, skipped), _moved(test, skipped)
         from sinew.identify.identified import identify as run  # JAX: seconds, behind the bar
 
-        steady = asked.kind == "stepped"
+        steady = request.kind == "stepped"
         return run(
             record,
-            asked.model,
-            excitation=None if steady else asked.excitation,
-            pretension_mm=None if steady else asked.pretension,
-            rig=None if steady else asked.rig,
-            start_s=asked.start,
-            stop_s=asked.stop,
+            request.model,
+            excitation=None if steady else request.excitation,
+            pretension_mm=None if steady else request.pretension,
+            rig=None if steady else request.rig,
+            start_s=request.start,
+            stop_s=request.stop,
             train=train,
             test=test,
-            posterior=asked.posterior,
+            posterior=request.posterior,
             chain=chain,
-            seed=asked.seed,
+            seed=request.seed,
             progress=progress,
         )
 
@@ -323,7 +323,7 @@ def _chain(text: str | None) -> tuple[str, ...]:
     return tuple(name for part in known if part in parts for name in known[part])
 
 
-def _write(found: "Identified", asked: _Asked, out: Path, rebuild: str) -> Path:
+def _write(found: "Identified", request: _Request, out: Path, rebuild: str) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
     from sinew.apps.recordings.stored import hash_file
     from sinew.figures.fit import draw_identified, write_fit_page
@@ -339,16 +339,18 @@ def _write(found: "Identified", asked: _Asked, out: Path, rebuild: str) -> Path:
         out,
         found,
         figures=paths,
-        about=asked.about(),
+        about=request.about(),
         rebuild=rebuild,
-        origins=[("file", str(asked.file)), ("SHA-256", hash_file(asked.file)), ("versions", versions)],
+        origins=[("file", str(request.file)), ("SHA-256", hash_file(request.file)), ("versions", versions)],
     )
 
 
 # Files for it: the columns that its options name as a record, and steady states as points.
 
 
-def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int, int] | None) -> "tuple[Record, int]":
+def _table_record(
+    request: _Request, train: tuple[int, int] | None, test: tuple[int, int] | None
+) -> "tuple[Record, int]":
     """Return the record in a table, and how many of its samples are left out before those of --train and --test.
 
     What lies outside --start and --stop, or outside --train and --test, is not looked at. Where gaps split the record,
@@ -359,12 +361,12 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     from sinew.identify.oscillator.record import make_record
     from sinew.measure.read import read_stretch, read_table
 
-    if asked.excitation is None and asked.input_ is not None:
+    if request.excitation is None and request.input_ is not None:
         raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
-    if asked.gaps != "refuse" and (train is not None or test is not None):
-        what = "a part" if asked.gaps == "split" else "leaves some out"
-        raise SpecError(f"--train and --test choose samples, and --gaps {asked.gaps} {what}; leave one of them out")
-    if asked.gaps == "bridge" and asked.input_ is not None:
+    if request.gaps != "refuse" and (train is not None or test is not None):
+        what = "a part" if request.gaps == "split" else "leaves some out"
+        raise SpecError(f"--train and --test choose samples, and --gaps {request.gaps} {what}; leave one of them out")
+    if request.gaps == "bridge" and request.input_ is not None:
         raise SpecError(
             "what the input did in a gap is not known, so it cannot be bridged; split the record there and take its "
             "longest part (--gaps split), or choose a part with --start and --stop"
@@ -372,31 +374,31 @@ def _table_record(asked: _Asked, train: tuple[int, int] | None, test: tuple[int,
     samples = None
     if train is not None:  # those of both ranges and between them; without a test all behind the first
         samples = (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
-    table = read_table(asked.file, run=asked.run, columns=asked.columns, time=asked.time)
-    roles = {"output": asked.output} | ({} if asked.input_ is None else {"input": asked.input_})
-    found = read_stretch(table, roles, asked.time, asked.rate, (asked.start, asked.stop), samples, asked.gaps)
+    table = read_table(request.file, run=request.run, columns=request.columns, time=request.time)
+    roles = {"output": request.output} | ({} if request.input_ is None else {"input": request.input_})
+    found = read_stretch(table, roles, request.time, request.rate, (request.start, request.stop), samples, request.gaps)
     timeline = found.timeline
     part = max(timeline.pieces, key=lambda piece: piece.stop - piece.start)
     stamps, response = timeline.time_s[part], found.values["output"][part]
-    drive = None if asked.input_ is None else found.values["input"][part]
+    drive = None if request.input_ is None else found.values["input"][part]
     if drive is not None and np.array_equal(drive, response):
         raise SpecError(
-            f"input and output are the same numbers ({asked.input_}); name the column of what drives the motion"
+            f"input and output are the same numbers ({request.input_}); name the column of what drives the motion"
         )
     record = make_record(
         stamps,
         response,
         drive,
-        excitation=asked.excitation or "none",
+        excitation=request.excitation or "none",
         output_unit=found.units["output"],
         input_unit=found.units.get("input", "1"),
     )
-    if asked.gaps == "bridge" and timeline.diagnosis.gaps:
+    if request.gaps == "bridge" and timeline.diagnosis.gaps:
         _check_bridges(record)
     longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
     notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
-    told = (*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ()))
-    record = replace(record, notes=told, output_said=found.said["output"], input_said=found.said.get("input", ""))
+    lines = (*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ()))
+    record = replace(record, notes=lines, output_said=found.said["output"], input_said=found.said.get("input", ""))
     left_out = samples is not None and (samples[1] is None or record.size == samples[1] - samples[0])
     return record, samples[0] if samples is not None and left_out else 0
 
@@ -430,58 +432,60 @@ def _column(table: "CsvTable", spec: str) -> "tuple[Array, str, str]":
     return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit, said
 
 
-def _table_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
+def _table_points(request: _Request) -> tuple["ResponsePoints", ...]:
     """Return the points in a table of steady states."""
     from sinew.identify.points import points_of_table
     from sinew.measure.files.names import find_columns
     from sinew.measure.read import numbers, read_table
 
-    if asked.input_ is None or asked.output is None:
-        missing = "--output COL" if asked.output is None else "--input COL"
-        raise SpecError(f"{asked.file.name} holds steady states: name its columns of amplitudes; {missing} is missing")
-    if asked.excitation is None or asked.excitation == "none":
+    if request.input_ is None or request.output is None:
+        missing = "--output COL" if request.output is None else "--input COL"
+        raise SpecError(
+            f"{request.file.name} holds steady states: name its columns of amplitudes; {missing} is missing"
+        )
+    if request.excitation is None or request.excitation == "none":
         raise SpecError("say what the input is: --excitation force|torque|base|lever")
-    table = read_table(asked.file, run=asked.run, columns=asked.columns)
-    names, stated = find_columns(table, asked.frequency or "frequency_hz")
+    table = read_table(request.file, run=request.run, columns=request.columns)
+    names, stated = find_columns(table, request.frequency or "frequency_hz")
     if (stated or "Hz").lower() != "hz":
         raise SpecError(f"--frequency is in {stated}, expected Hz")
-    angle, angle_unit, _ = _column(table, asked.phase or "phase_deg")
+    angle, angle_unit, _ = _column(table, request.phase or "phase_deg")
     if angle_unit not in ("rad", "1"):
         raise SpecError(f"--phase is in {angle_unit}, expected degrees or radians: COL:deg or COL:rad")
-    response, response_unit, output_said = _column(table, asked.output)
-    drive, drive_unit, input_said = _column(table, asked.input_)
+    response, response_unit, output_said = _column(table, request.output)
+    drive, drive_unit, input_said = _column(table, request.input_)
     points = points_of_table(
         numbers(table, names[0]),
         response,
         angle,
         drive,
-        excitation=asked.excitation,
+        excitation=request.excitation,
         output_unit=response_unit,
         input_unit=drive_unit,
     )
     return tuple(replace(one, output_said=output_said, input_said=input_said) for one in points)
 
 
-def _recorded_points(asked: _Asked) -> tuple["ResponsePoints", ...]:
+def _recorded_points(request: _Request) -> tuple["ResponsePoints", ...]:
     """Return the points of a rig's recording at one pretension, else its smallest, in one group."""
     from sinew.analysis.analysed import recording_rig
     from sinew.analysis.sweep.response import estimate_response
     from sinew.identify.points import points_of_response
     from sinew.measure.files.netcdf import load_recording
 
-    recording = load_recording(asked.file)
+    recording = load_recording(request.file)
     if recording.attrs.get("source") == "import":
         raise SpecError(
             "this recording was imported; give a table of its steady states, one row each with frequency_hz, "
             "amplitude, phase_deg and the drive's amplitude"
         )
-    if asked.excitation not in (None, "lever"):
-        raise SpecError(f"--excitation is {asked.excitation}, but a rig is driven by its lever; leave it out")
-    found = points_of_response(estimate_response(recording, recording_rig(recording, asked.rig)))
-    if asked.pretension is None:
+    if request.excitation not in (None, "lever"):
+        raise SpecError(f"--excitation is {request.excitation}, but a rig is driven by its lever; leave it out")
+    found = points_of_response(estimate_response(recording, recording_rig(recording, request.rig)))
+    if request.pretension is None:
         return found[:1]
-    chosen = [one for one in found if one.group == f"{asked.pretension:g} mm"]
+    chosen = [one for one in found if one.group == f"{request.pretension:g} mm"]
     if not chosen:
         listed = ", ".join(one.group for one in found)
-        raise SpecError(f"--pretension is {asked.pretension:g} mm, the recording has steady segments at {listed}")
+        raise SpecError(f"--pretension is {request.pretension:g} mm, the recording has steady segments at {listed}")
     return tuple(chosen)

@@ -74,16 +74,16 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.expected_response import preview_plan, told_preview
+    from sinew.predict.expected_response import preview_document, preview_plan
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
-    told = told_preview(plan_, rig_, preview) | {"wire": wire_times(plan_, rig_)}
+    preview_json = preview_document(plan_, rig_, preview) | {"wire": wire_times(plan_, rig_)}
     if json:
-        console.print_json(told)
+        console.print_json(preview_json)
     else:
-        _print_preview(plan_, preview, told)
-        _print_wire(plan_, rig_, told["wire"])
+        _print_preview(plan_, preview, preview_json)
+        _print_wire(plan_, rig_, preview_json["wire"])
     refuse_beyond_limits(preview)
     return 0
 
@@ -96,18 +96,20 @@ def _print_wire(plan: "Plan", rig: "RigSpec", wire: dict[str, Any]) -> None:
     )
 
 
-def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> None:
-    print(f"plan {plan.name} on rig {told['rig']}: {preview.groups} motions, {preview.samples} samples,", end=" ")
+def _print_preview(plan: "Plan", preview: "Preview", preview_json: dict[str, Any]) -> None:
+    print(
+        f"plan {plan.name} on rig {preview_json['rig']}: {preview.groups} motions, {preview.samples} samples,", end=" "
+    )
     print(f"{_time(preview.duration_s)} of motion and rest,", end=" ")
     print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
-    if pose := told.get("pose"):
+    if pose := preview_json.get("pose"):
         print(
             f"pose: {plan.rest_pose.words()} (pitch {fixed(pose['pitch_deg'], 1)}°, roll {fixed(pose['roll_deg'], 1)}°)"
         )
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
             (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
-            for row in told["drive"]
+            for row in preview_json["drive"]
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)

@@ -225,8 +225,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
         if not whole:
             raise RecordingError(f"{path} holds no whole group of the plan yet; resume its run")
         parts = _on_one_clock({index: finished[index][0].session for index in whole}, whole, journal.dates)
-        asked = plan.groups()  # of a segment a journal keeps what a straight one says; the plan knows pose and drive
-        segments = [_in_space(s.asked, asked[index]) for index in whole for s in finished[index]]
+        planned = plan.groups()  # of a segment a journal keeps what a straight one says; the plan knows pose and drive
+        segments = [_in_space(s.planned, planned[index]) for index in whole for s in finished[index]]
         given: dict[str, Any] = {**journal.attrs, **journal.counts()}
         events = [event for _, event in journal.events()]
         if holes := [str(event) for event in events if isinstance(event, Hole)]:
@@ -260,10 +260,10 @@ def convert(path: Path, out: Path) -> Path:
     return out
 
 
-def _in_space(asked: Segment, group: Group) -> Segment:
+def _in_space(planned: Segment, group: Group) -> Segment:
     """Return what was asked of a segment with the pose and the drive of its group."""
-    here = group.segment(asked.kind)
-    return replace(asked, **{name: getattr(here, name) for name in SPATIAL_SEGMENTS})
+    here = group.segment(planned.kind)
+    return replace(planned, **{name: getattr(here, name) for name in SPATIAL_SEGMENTS})
 
 
 def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSpec, sample_hz: float) -> _Rows:
@@ -296,21 +296,25 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
         "acceleration_m_s2": readings[:, 3:6],
     }
     came = np.all([np.isfinite(rows[name]) for name in ("imu_time_s", *_IMU_COLUMNS[:6])], axis=0)
-    kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
-    if np.isfinite(readings[kept, 6]).all():
+    retained = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
+    if np.isfinite(readings[retained, 6]).all():
         values["tilt_rad"] = readings[:, 6]
-    told = np.flatnonzero(np.isfinite(rows["supply_v"]))
+    measured = np.flatnonzero(np.isfinite(rows["supply_v"]))
     # A motor that has not told its voltage yet is no hole: the first cycles get the first one told.
-    supply = rows["supply_v"] if told.size == 0 else np.interp(rows["id"], rows["id"][told], rows["supply_v"][told])
+    supply = (
+        rows["supply_v"]
+        if measured.size == 0
+        else np.interp(rows["id"], rows["id"][measured], rows["supply_v"][measured])
+    )
     pwm = np.stack([rows[f"tendon_{i}_pwm"] for i in tendons], axis=1)
     more = {"drive_goal_rad": rows["drive_goal_rad"], "tendon_pwm": pwm, "supply_v": supply}
-    values |= {name: v for name, v in more.items() if np.isfinite(v[kept]).all()}
+    values |= {name: v for name, v in more.items() if np.isfinite(v[retained]).all()}
     values |= {sensor.channel: rows[sensor.channel] for sensor in rig.sensors}
-    sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
+    sizes = [int((retained & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same
-    whole = min(sizes) > 0 and (tracked or _has_few_holes(time[kept], time, sample_hz, _GRACE))
+    whole = min(sizes) > 0 and (tracked or _has_few_holes(time[retained], time, sample_hz, _GRACE))
     single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
-    return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
+    return _Rows({name: v[retained] for name, v in single.items()}, sizes, int((~retained).sum()), whole)
 
 
 def _on_one_clock(

@@ -67,7 +67,7 @@ class Journal:
         self._insert = insert_sample(columns)
         self._next_sample, self._next_segment = counts
         self._segment: int | None = None
-        self._asked: tuple[int | None, int] = (None, 0)
+        self._planned: tuple[int | None, int] = (None, 0)
         self._started_s, self._time_s = MISSING, MISSING
         self._finished: set[int] = set()
         self._is_open = True
@@ -141,21 +141,21 @@ class Journal:
         self._next_sample += 1
 
     def begin_segment(
-        self, group: int | None, attempt: int, asked: Segment, kind: Literal["pause"] | None = None
+        self, group: int | None, attempt: int, planned: Segment, kind: Literal["pause"] | None = None
     ) -> None:
         """Begin a segment; samples belong to it from now on.
 
         group: its index in the plan, or None where it serves none. attempt: which one of this run, from 0.
-        asked: what is asked for. kind: "pause" for a stretch that no recording has; else that of `asked`.
+        planned: what is asked for. kind: "pause" for a stretch that no recording has; else that of `planned`.
         A segment that is still under way becomes aborted.
         """
         if self._segment is not None:
             self.end_segment("aborted", "another segment began")
-        self._segment, self._asked, self._started_s = self._next_segment, (group, attempt), MISSING
+        self._segment, self._planned, self._started_s = self._next_segment, (group, attempt), MISSING
         self._next_segment += 1
-        numbers = (asked.pretension_mm, asked.frequency_hz, asked.amplitude_deg, asked.repeat)
+        numbers = (planned.pretension_mm, planned.frequency_hz, planned.amplitude_deg, planned.repeat)
         self._writer.put(
-            _BEGIN, (self._segment, self._session, group, attempt, kind or asked.kind, *numbers, self._next_sample)
+            _BEGIN, (self._segment, self._session, group, attempt, kind or planned.kind, *numbers, self._next_sample)
         )
 
     def end_segment(self, state: Literal["complete", "aborted"], note: str = "") -> None:
@@ -170,9 +170,9 @@ class Journal:
 
         Raises ValueError if that segment belongs to another group.
         """
-        if self._asked[0] != group:
-            raise ValueError(f"found a segment of group {self._asked[0]}, expected one of group {group}")
-        self._writer.put(_FINISH, (group, self._session, self._asked[1]))
+        if self._planned[0] != group:
+            raise ValueError(f"found a segment of group {self._planned[0]}, expected one of group {group}")
+        self._writer.put(_FINISH, (group, self._session, self._planned[1]))
         self._writer.checkpoint()
         self._finished.add(group)
 
@@ -330,7 +330,7 @@ class BatchWriter:
         self._wake, self._ready = threading.Event(), threading.Event()
         self._closing = False
         self._error: str | None = None
-        self._told = False
+        self._has_failed = False
         self._last_done = monotonic()
         self._syncing: threading.Thread | None = None
         self._put_count = 0
@@ -355,10 +355,10 @@ class BatchWriter:
     def refuse_if_failed(self) -> None:
         """Raise FileError if rows could not be written, or have been waiting too long."""
         if self._error is not None:
-            self._told = True
+            self._has_failed = True
             raise cannot_write(self._path, self._error)
         if self._put_count > self._committed and (waited := monotonic() - self._last_done) > STALL_S:
-            self._told = True
+            self._has_failed = True
             raise cannot_write(self._path, f"the disk has taken nothing for {waited:.0f} s")
 
     def flush(self, timeout_s: float = STALL_S) -> None:
@@ -382,7 +382,7 @@ class BatchWriter:
         self._closing = True
         self._wake.set()
         self._thread.join(timeout_s)
-        if self._told:
+        if self._has_failed:
             return
         if self._thread.is_alive():
             left = self._put_count - self._committed
@@ -478,7 +478,7 @@ class Stretch:
     group: int | None
     attempt: int
     kind: str
-    asked: Segment
+    planned: Segment
     state: str
     first: int
     end: int | None
@@ -667,8 +667,8 @@ def _connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def _stretch(row: Sequence[Any]) -> Stretch:
-    session, group, attempt, kind, *asked, state, first, end, note = row
-    pretension, frequency, amplitude, repeat = (MISSING if x is None else x for x in asked)
+    session, group, attempt, kind, *planned, state, first, end, note = row
+    pretension, frequency, amplitude, repeat = (MISSING if x is None else x for x in planned)
     segment = Segment(kind, pretension, frequency, amplitude, int(repeat))
     return Stretch(session, group, attempt, kind, segment, state, first, end, note)
 

@@ -224,14 +224,14 @@ class PaperCalibration(CalibrationResult):
 class Calibration(CalibrationResult):
     """A rig with parameters from recordings.
 
-    recordings: file and content hash of each. kept: names that were free and that the recordings do not determine; they
+    recordings: file and content hash of each. undetermined: free names that the recordings do not determine; they
     have their old value and origin. rmse: residual of the fit, by channel.
     rig: with the new values. found: estimates of what the recordings determined, by dotted name, in the unit of the
     parameter (SI). fit: the last joint fit, with the others held. sources: of the recordings.
     """
 
     recordings: Annotated[tuple[Mapping[str, str], ...], Field("", "detail")]
-    kept: Annotated[tuple[str, ...], Field("", "detail")]
+    undetermined: Annotated[tuple[str, ...], Field("", "detail")]
     rmse: Annotated[Mapping[str, float], Field("", "detail")]
     converged: Annotated[bool, Field("", "detail")]
     rig: RigSpec
@@ -281,14 +281,14 @@ def calibrate(
         for source, recording in zip(sources, loaded, strict=True)
         for sentence in other_geometry(rig, recording, source.file)
     ]
-    sought, kept = list(free), list[str]()
+    sought, undetermined = list(free), list[str]()
     while True:
         if spread.scheduler is None and spread.keep is None:
             fit = fit_joint(loaded, rig, free=sought, progress=progress)
         else:  # each step of a search begins where the last ended: all of it is one task
             (fit,) = run_tasks(_fitted, [(tuple(loaded), rig, tuple(sought))], spread)
         vague = [one for one in sought if not _is_determined(fit.parameters[one], parameter_of(rig, one))]
-        kept += vague
+        undetermined += vague
         if not vague:
             break
         sought = [one for one in sought if one not in vague]
@@ -303,7 +303,7 @@ def calibrate(
     together = with_ties(calibrated, sought, followed, own)
     record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
     calibrated = calibrated.model_copy(update={"calibration": record})
-    told, settings = (
+    lines, settings = (
         f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %"
         for a, b in (fit.repeatability, stated_repeatability(rig))
     )
@@ -311,11 +311,11 @@ def calibrate(
         "every pretension was set once, so how far settings scatter is not in the recordings; the intervals take the "
         f"rig's repeatability ({settings}); record repeats to have it estimated"
         if fit.repeats < 2
-        else f"the intervals hold the scatter over {fit.repeats} repeats: {told} (the rig says {settings})"
+        else f"the intervals hold the scatter over {fit.repeats} repeats: {lines} (the rig says {settings})"
     )
-    if kept:
+    if undetermined:
         remarks.append(
-            f"not determined by these recordings, so with old value and origin: {', '.join(kept)}; "
+            f"not determined by these recordings, so with old value and origin: {', '.join(undetermined)}; "
             "the others were fitted beside them"
         )
     remarks += [sentence for sentence in (fit.message, *fit.unidentifiable) if sentence]
@@ -328,7 +328,7 @@ def calibrate(
         },
         remarks=tuple(remarks),
         recordings=tuple({"file": source.file, "content_hash": source.content_hash} for source in sources),
-        kept=tuple(kept),
+        undetermined=tuple(undetermined),
         rmse=fit.rmse,
         converged=fit.converged,
         rig=calibrated,
@@ -360,15 +360,15 @@ def other_geometry(rig: RigSpec, recording: xr.Dataset, file: str) -> list[str]:
             f"{file} was recorded with {own.tendons.count} tendons, the rig has {rig.tendons.count}; "
             "give the rig that it was recorded with"
         )
-    told = []
+    lines = []
     for dotted in _GEOMETRY:
         theirs, ours = (_number(one, dotted) for one in (own, rig))
         if not math.isclose(theirs, ours, rel_tol=1e-6):
-            told.append(f"{dotted} {theirs:g} instead of {ours:g}")
-    if not told:
+            lines.append(f"{dotted} {theirs:g} instead of {ours:g}")
+    if not lines:
         return []
     return [
-        f"{file} was recorded with another rig ({', '.join(told)}, in SI units); the fit took the rig that was given"
+        f"{file} was recorded with another rig ({', '.join(lines)}, in SI units); the fit took the rig that was given"
     ]
 
 

@@ -164,7 +164,7 @@ class JointSegment:
     """One fitted segment: the gyroscope's rate about the joint's axis, as it was and as the fit has it.
 
     swing: whose part it is. time_s: from the segment's first sample, shape (n,). measured, predicted: [rad/s],
-    shape (n,). kept: which samples were fitted, shape (n,); the last of a segment lack the lever motion after them.
+    shape (n,). selected: which samples were fitted, shape (n,); the last of a segment lack the lever motion after them.
     predicted_current_a: mean current of the tendon motors over the segment.
     """
 
@@ -172,7 +172,7 @@ class JointSegment:
     time_s: Array
     measured: Array
     predicted: Array
-    kept: Mask
+    selected: Mask
     predicted_current_a: float
 
     @property
@@ -273,19 +273,19 @@ def _search(
     steps = steps_per_sample(coordinates.numbers(np.zeros(len(coordinates.names))), max(s.sample_s for s in swings))
     first = make_problem(_easy(swings), coordinates, steps)
     x = _solved(first, np.zeros(first.size), _ROUGH).values
-    told = progress or (lambda done, total: None)
-    told(1, 4)
+    report_progress = progress or (lambda done, total: None)
+    report_progress(1, 4)
     problem = make_problem(swings, coordinates, steps)
     x = np.concatenate([x[: first.shared], np.zeros(problem.size - problem.shared)])
     solution = _solved(problem, x, _ROUGH)
-    told(2, 4)
+    report_progress(2, 4)
     for leg, tolerance in enumerate((_ROUGH, _FINE), start=3):
         x, scatter = solution.values.copy(), _scatter(problem, solution)
         whitenings = whitening_of(problem.residuals(x), _QUIET)
         x[problem.of_settings] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
         problem = replace(problem, whitenings=whitenings, repeatability=scatter)
         solution = _solved(problem, x, tolerance)
-        told(leg, 4)
+        report_progress(leg, 4)
     return problem, solution
 
 
@@ -351,17 +351,17 @@ def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
     found = []
     for swing, sieve, (rate, current) in zip(problem.swings, problem.sieves, problem.predicted(x), strict=True):
         begin = swing.recorded
-        kept = np.zeros(swing.size, dtype=bool)
-        kept[sieve.kept[0] : sieve.kept[-1] + 1] = True
-        bias = float(np.mean((swing.gyro - rate)[kept]))
+        selected = np.zeros(swing.size, dtype=bool)
+        selected[sieve.selected[0] : sieve.selected[-1] + 1] = True
+        bias = float(np.mean((swing.gyro - rate)[selected]))
         time_s = np.arange(swing.size - begin, dtype=float) * swing.sample_s
-        there = (kept & swing.present)[begin:]
+        there = (selected & swing.present)[begin:]
         found.append(JointSegment(swing, time_s, swing.gyro[begin:], rate[begin:] + bias, there, current))
     return tuple(found)
 
 
 def _rmse(segments: Sequence[JointSegment]) -> dict[str, float]:
-    rates = np.concatenate([segment.residual[segment.kept] for segment in segments])
+    rates = np.concatenate([segment.residual[segment.selected] for segment in segments])
     currents = np.array([segment.swing.current_a - segment.predicted_current_a for segment in segments])
     currents = currents[np.isfinite(currents)]
     of_current = float(np.sqrt(np.mean(currents**2))) if currents.size else float("nan")
@@ -369,20 +369,20 @@ def _rmse(segments: Sequence[JointSegment]) -> dict[str, float]:
 
 
 def _message(problem: JointProblem, solution: Solution) -> str:
-    told = [solution.message]
+    lines = [solution.message]
     low, high = problem.bounds()
     for name, value, one, other in zip(problem.coordinates.names, solution.values, low, high, strict=False):
         if min(value - one, other - value) < _NEAR:
-            told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
+            lines.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
     widened = _over(problem.repeatability, stated_repeatability(problem.coordinates.rig))
     off = solution.values[problem.of_settings] * np.tile(widened, len(problem.pairs))
     largest = float(np.abs(off).max(initial=0.0))
     if largest > 4:
-        told.append(
+        lines.append(
             f"a repetition deviates by {largest:.1f} times the rig's stated repeatability; "
             "raise repeatability in the rig, or look for what changed between the repeats"
         )
-    return "; ".join(told)
+    return "; ".join(lines)
 
 
 def _unidentifiable(problem: JointProblem, solution: Solution) -> tuple[str, ...]:

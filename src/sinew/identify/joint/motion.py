@@ -176,12 +176,12 @@ def places_of(stamps: Array, sample_s: float, jitter_s: float) -> Array:
     (Donoho & Johnstone 1994), is taken for jitter, and its sample to be on the line. Another one, as of a cycle of the
     bench that began late, and two that would be in one place say when the sample was taken.
     """
-    _, place = line_through(stamps)
-    nearest = np.round(place)
-    on_line = np.abs(place - nearest) * sample_s <= np.sqrt(2 * np.log(stamps.size)) * jitter_s
+    _, slot = line_through(stamps)
+    nearest = np.round(slot)
+    on_line = np.abs(slot - nearest) * sample_s <= np.sqrt(2 * np.log(stamps.size)) * jitter_s
     _, which, count = np.unique(nearest[on_line], return_inverse=True, return_counts=True)
     on_line[on_line] = count[which] == 1
-    return np.where(on_line, nearest, place)
+    return np.where(on_line, nearest, slot)
 
 
 def _swing(
@@ -196,26 +196,26 @@ def _swing(
     rig: RigSpec,
 ) -> Swing:
     stamps = np.asarray(recording["time_s"].values[where], dtype=float)
-    place = places_of(stamps, sample_s, rig.bus.stamp_jitter.value)
-    grid = np.arange(round(place[-1]) + 1)
+    slot = places_of(stamps, sample_s, rig.bus.stamp_jitter.value)
+    grid = np.arange(round(slot[-1]) + 1)
     # A place between samples that are as far apart as if one were missing between them is not known.
-    after = np.clip(np.searchsorted(place, grid), 1, place.size - 1)
-    present = (np.round(place[after] - place[after - 1]) < 2) | (grid == place[after]) | (grid == place[after - 1])
+    after = np.clip(np.searchsorted(slot, grid), 1, slot.size - 1)
+    present = (np.round(slot[after] - slot[after - 1]) < 2) | (grid == slot[after]) | (grid == slot[after - 1])
     if np.mean(present) < 1 / (1 + _LARGEST_GAP):
         raise RecordingError(
             f"segment {number} at {segment.pretension_mm:g} mm lacks {np.sum(~present)} of {grid.size} "
             f"samples, expected at most {100 * _LARGEST_GAP:g} %; leave that segment out, or record it again"
         )
     read = np.asarray(recording["gyro_rad_s"].values[where, 0], dtype=float)
-    gyro = np.where(present, CubicSpline(place, read)(grid), np.interp(grid, place, read))
+    gyro = np.where(present, CubicSpline(slot, read)(grid), np.interp(grid, slot, read))
     # The reading at stamp t is the lever's angle at t - late.
-    time = place * sample_s - rig.bus.drive_delay.value
+    time = slot * sample_s - rig.bus.drive_delay.value
     lever = CubicSpline(time, np.asarray(recording["drive_rad"].values[where], dtype=float), bc_type="natural")
     current, swing = np.nan, np.nan
     if "tendon_current_a" in recording:
         whole = np.asarray(recording["tendon_current_a"].values[begin : where.stop], dtype=float).mean(axis=1)
         current, swing = float(whole.mean()), 0.5 * float(np.ptp(whole))
-    recorded = int(np.ceil(place[begin - where.start]))
+    recorded = int(np.ceil(slot[begin - where.start]))
     limit = json.loads(recording.attrs.get(LIMITS_ATTRIBUTE, "{}")).get(f"{segment.pretension_mm:g}", np.nan)
     # The twin begins every group at rest. On a bench one goes over into the next, or begins after a wait that ends.
     rests = recording.attrs.get("source") == "twin"
@@ -232,7 +232,7 @@ def _swing(
 # low-pass, and every so many samples are kept; the same is done to the derivatives.
 
 _PASS_HZ, _STOP_HZ, _STOPPED_DB = 15.0, 30.0, 60.0
-_KEPT_HZ = 50.0
+_SAMPLED_HZ = 50.0
 _SIEVE_FEWEST = 16
 
 
@@ -240,12 +240,12 @@ _SIEVE_FEWEST = 16
 class Sieve:
     """The low-pass of one swing.
 
-    taps: odd in number, symmetric. kept: samples of the swing that are compared, shape (k,). average: samples that the
-    gyroscope's readings are the mean of.
+    taps: odd in number, symmetric. selected: samples of the swing that are compared, shape (k,). average: samples that
+    the gyroscope's readings are the mean of.
     """
 
     taps: Array
-    kept: NDArray[np.intp]
+    selected: NDArray[np.intp]
     average: int
 
     def averaged(self, rate: Array) -> Array:
@@ -259,13 +259,13 @@ class Sieve:
         half = self.taps.size // 2
         ends = np.zeros((half, *rate.shape[1:]))
         windows = sliding_window_view(np.concatenate([ends, rate, ends]), self.taps.size, axis=0)
-        return np.asarray(windows[self.kept] @ self.taps)
+        return np.asarray(windows[self.selected] @ self.taps)
 
 
 def make_sieve(swing: Swing, average: int) -> Sieve:
     """Return the sieve of a swing: of its segment what is not at an end or a gap of the record."""
     rate_hz = 1 / swing.sample_s
-    every = max(1, int(rate_hz / _KEPT_HZ + 1e-6))
+    every = max(1, int(rate_hz / _SAMPLED_HZ + 1e-6))
     taps = np.ones(1)
     if rate_hz > 2.2 * _STOP_HZ:
         width = 2 * np.pi * (_STOP_HZ - _PASS_HZ) / rate_hz
@@ -281,7 +281,7 @@ def make_sieve(swing: Swing, average: int) -> Sieve:
 
 def is_enough(swing: Swing, average: int) -> bool:
     """Return whether a swing keeps enough samples behind its sieve to be compared."""
-    return make_sieve(swing, average).kept.size >= _SIEVE_FEWEST
+    return make_sieve(swing, average).selected.size >= _SIEVE_FEWEST
 
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them
@@ -540,13 +540,13 @@ def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Arr
         return after
 
     def sample(n: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-        now, kept = carry
+        now, selected = carry
         seen = jax.vmap(_observe, in_axes=(0, 0, None))(now, p, numbers)
-        kept = jax.lax.dynamic_update_index_in_dim(kept, seen, n, axis=0)
-        return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), kept
+        selected = jax.lax.dynamic_update_index_in_dim(selected, seen, n, axis=0)
+        return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), selected
 
-    kept = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.deviations[:, :1]
-    return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, kept))[1])
+    selected = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.deviations[:, :1]
+    return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, selected))[1])
 
 
 @program(static=("room",))

@@ -60,7 +60,7 @@ class Split:
     """
 
     record: Record
-    kept: Mask
+    selected: Mask
     tested: Mask
     apart: Record | None = None
     interleaved: bool = False
@@ -124,7 +124,7 @@ def fit_and_predict(split: Split, model: Model | str, smaller: Fit | None = None
 
     smaller: a fit of a smaller model to the same samples, at which the search begins.
     """
-    found = fit(split.record, model, kept=[split.kept], smaller=smaller)
+    found = fit(split.record, model, selected=[split.selected], smaller=smaller)
     if split.apart is not None:
         return HeldOut(found, split.apart.output - predict(found, split.apart))
     return HeldOut(found, found.residuals()[0][split.tested])
@@ -405,9 +405,9 @@ def criterion(found: Fit, independent: float, swings: float = np.inf) -> float:
         if entry.local not in HISTORIES:
             cost += whole
             continue
-        told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
+        sentence = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
         beyond = float(value - np.clip(value, *LOCAL[entry.local].start)) if entry.local == _MEMORY else 0.0
-        cost += float(np.clip(told, 0.0, whole)) + beyond**2
+        cost += float(np.clip(sentence, 0.0, whole)) + beyond**2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 
@@ -452,14 +452,14 @@ def _with_criterion(rows: Sequence[Row]) -> list[Row]:
 def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
     """Return the comparison with its verdict. final: the winner's fit to all of the data, which are called `what`."""
     bound, words = _dry_bound(choice)
-    asked = ask_fit(final)
-    if asked.share > _POOR and asked.neighbours > _SMOOTH and len(choice.rows) > 1:
-        told = (
+    requested = ask_fit(final)
+    if requested.share > _POOR and requested.neighbours > _SMOOTH and len(choice.rows) > 1:
+        sentence = (
             f"cannot tell the damping law, for no model describes this {what}: {choice.best.model.name}, which leaves "
-            f"least, misses {100 * asked.share:.0f} % of the output's standard deviation; {asked.telling()}"
+            f"least, misses {100 * requested.share:.0f} % of the output's standard deviation; {requested.telling()}"
         )
-        return Comparison(choice.rows, final, False, told)
-    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {asked.telling()}"
+        return Comparison(choice.rows, final, False, sentence)
+    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {requested.telling()}"
     return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
 
 
@@ -529,8 +529,8 @@ def _dry_bound(choice: Choice) -> tuple[float | None, str]:
     if not np.isfinite([ends[name] for name in over]).all():
         return None, ""
     largest = max(shown, key=lambda name: ends[name])
-    told = f"; dry friction, if there is any, is below {largest} = {max(ends[largest], 0.0):.3g}"
-    return max(0.0, *(ends[name] for name in over)), told
+    sentence = f"; dry friction, if there is any, is below {largest} = {max(ends[largest], 0.0):.3g}"
+    return max(0.0, *(ends[name] for name in over)), sentence
 
 
 def _verdict(choice: Choice, what: str) -> str:

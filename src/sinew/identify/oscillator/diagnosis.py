@@ -77,7 +77,7 @@ def _stiffness(found: Fit) -> tuple[str, Estimate]:
     return next((name, one) for name, one in found.parameters.items() if name.startswith("stiffness_per_s2"))
 
 
-def suspicions(found: Fit, *, compared: bool = False) -> tuple[str, ...]:
+def diagnose(found: Fit, *, compared: bool = False) -> tuple[str, ...]:
     """Return what about a fit a person should know: sentences; none where nothing is suspicious.
 
     compared: whether the model won against others; how its residuals came out of their tests is in that verdict.
@@ -112,12 +112,12 @@ def _without_frequency(found: Fit) -> str:
             f"the stiffness came out negative ({name} = {stiffness}): the model does not fit this record, or is a "
             "sensor's sign reversed?"
         )
-    told = f"the stiffness is not told from zero ({name} = {stiffness}), so there is no natural frequency"
+    sentence = f"the stiffness is not told from zero ({name} = {stiffness}), so there is no natural frequency"
     if not is_springless(found):
-        return told
+        return sentence
     damping = next((one for name, one in found.parameters.items() if name.startswith("damping_per_s")), None)
     settles = f", whose rate settles in {1 / damping.value:.3g} s" if damping is not None and damping.low > 0 else ""
-    return f"{told}: this moves as a mass without a spring, a cart or a positioner{settles}"
+    return f"{sentence}: this moves as a mass without a spring, a cart or a positioner{settles}"
 
 
 def _reversed(found: Fit) -> list[str]:
@@ -263,10 +263,10 @@ def silenced(record: Record) -> Record:
     return replace(record, input=np.where(loud, record.input, record.input[~loud].mean()))
 
 
-def window_force(record: Record, kept: Mask | None = None) -> Windowed | None:
+def window_force(record: Record, selected: Mask | None = None) -> Windowed | None:
     """Return the record with its silent force taken as its mean; None where it is not silent, or better as measured.
 
-    kept: which samples of the output may be looked at, shape (n,); all where it is None.
+    selected: which samples of the output may be looked at, shape (n,); all where it is None.
     """
     if record.input is None or record.excitation not in ("force", "torque"):
         return None
@@ -275,9 +275,12 @@ def window_force(record: Record, kept: Mask | None = None) -> Windowed | None:
         return None
     mean = float(record.input[~loud].mean())
     noise = float(record.input[~loud].std())
-    windowed, seen = silenced(record), None if kept is None else [kept]
+    windowed, seen = silenced(record), None if selected is None else [selected]
     try:
-        found, before = fit(windowed, MODELS["linear"], kept=seen), fit(record, MODELS["linear"], kept=seen).rmse
+        found, before = (
+            fit(windowed, MODELS["linear"], selected=seen),
+            fit(record, MODELS["linear"], selected=seen).rmse,
+        )
     except RecordingError:
         return None
     left = found.rmse
@@ -325,7 +328,7 @@ def _put_right(found: Fit, loud: Mask, mean: float, noise: float) -> tuple[Recor
     assert record.input is not None
     shapes, std = _errors(found, record.input - mean, loud, noise)
     responses = np.stack([_response(found, shape) for shape in shapes], axis=1) * std
-    seen = found.kept[0]  # a stroke behind these samples moves none of them, so it stays as it was measured
+    seen = found.selected[0]  # a stroke behind these samples moves none of them, so it stays as it was measured
     jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses[seen]], axis=1)
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     size[-std.size :] = np.hypot(size[-std.size :], found.rmse)  # a stroke that moves nothing has its prior alone
@@ -371,7 +374,9 @@ def _response(found: Fit, force: Array) -> Array:
     """Return what a further force adds to the output of a linear fit, in its unit, shape (n,)."""
     part, record = found.layout.parts[0], found.records[0]
     assert record.input is not None
-    pushed = make_part(replace(record, input=record.input + force), found.model, part.scales, found.frame, part.kept)
+    pushed = make_part(
+        replace(record, input=record.input + force), found.model, part.scales, found.frame, part.selected
+    )
     layout = replace(found.layout, parts=(pushed,))
     return np.asarray(layout.outputs(found.solution.values)[0] * part.unit_size - found.predicted[0])
 

@@ -60,14 +60,14 @@ def fit(
     records: Record | Sequence[Record],
     model: Model | str,
     *,
-    kept: Masks | None = None,
+    selected: Masks | None = None,
     guess: Fit | None = None,
     smaller: Fit | None = None,
 ) -> Fit:
     """Return the fit of a model to one record, or to several with the same mechanics.
 
-    kept: masks of the samples to be fitted, one for each record, shape (n,); all where it is None. The simulation runs
-        through the others, so what it says there is a prediction.
+    selected: masks of the samples to be fitted, one for each record, shape (n,); all where it is None. The simulation
+        runs through the others, so what it says there is a prediction.
     guess: a fit of the same model to similar records, where the search begins.
     smaller: a fit of another model, with fewer terms or viscous damping, to the same samples; the search begins at what
         it found, too.
@@ -77,7 +77,7 @@ def fit(
     records = (records,) if isinstance(records, Record) else tuple(records)
     model = get_model(model) if isinstance(model, str) else model
     _check(records, model)
-    masks = tuple(np.ones(r.size, dtype=bool) for r in records) if kept is None else tuple(kept)
+    masks = tuple(np.ones(r.size, dtype=bool) for r in records) if selected is None else tuple(selected)
     frames = (guess.frame,) if guess is not None else frames_of(records[0])
     for number, mask in enumerate(masks):
         if np.count_nonzero(mask) < FEWEST:
@@ -139,7 +139,7 @@ def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, record
         natural_frequency_hz=frequency,
         damping_ratio=damping,
         predicted=predicted,
-        kept=tuple(masks),
+        selected=tuple(masks),
         rmse=float(np.sqrt(np.mean(off**2))),
         unit=records[0].output_unit,
         converged=solution.converged,
@@ -288,7 +288,7 @@ def _large(part: Part) -> Mask:
     return np.arange(output.size) <= last
 
 
-def beside_friction(layout: Layout, problem: Problem, found: Solution) -> Solution:
+def with_dry_friction(layout: Layout, problem: Problem, found: Solution) -> Solution:
     """Return the best solution with dry friction, sought on both sides of the one that was found, too.
 
     Samples that pass from sliding to rest leave small steps in the sum of squares, and a search from one side ends at
@@ -448,7 +448,7 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
     problem = layout.problem(masks)
     if known:  # whoever found it has taken the record in bit by bit already, where that was needed
         found = solve(problem, first, tolerance=_TOLERANCE, max_evaluations=60)
-        return beside_friction(layout, problem, found) if layout.model.law.sticks and taught is None else found
+        return with_dry_friction(layout, problem, found) if layout.model.law.sticks and taught is None else found
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
     starts = _law_starts(layout, first, masks, taught, problem)
@@ -457,7 +457,7 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
     raced = taught is not None and layout.model.law.phase < Term.phase  # by many small steps, and one of many fits
     direct = solve(problem, *starts, tolerance=1e-4 if raced else _TOLERANCE, max_evaluations=12 if raced else 60)
     if layout.model.law.sticks and taught is None:
-        direct = beside_friction(layout, problem, direct)
+        direct = with_dry_friction(layout, problem, direct)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
         return direct
     grown = [direct]
@@ -483,9 +483,9 @@ def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None
         return remembering_starts(layout, first, masks, taught, problem)
     for k, entry in enumerate(layout.entries):
         if LOCAL[entry.local].tried:
-            told = taught is not None and bool(np.any(taught[_all_of(layout, "hysteresis")] > 0))
-            base = taught if told and taught is not None else first
-            tried = LOCAL[entry.local].tried[: 2 if told else None]  # it yields soon where dry friction is near
+            has_friction = taught is not None and bool(np.any(taught[_all_of(layout, "hysteresis")] > 0))
+            base = taught if has_friction and taught is not None else first
+            tried = LOCAL[entry.local].tried[: 2 if has_friction else None]  # it yields soon where dry friction is near
             return [np.where(np.arange(first.size) == k, value, base) for value in tried]
     return [first] if taught is None else [_nearer(problem, first, taught)]
 

@@ -234,8 +234,8 @@ def covariance(
 def _inverse_gram(scaled: Array) -> Array:
     """Return (JᵀJ)⁻¹ by singular values; by the Gram matrix half of the digits would be lost."""
     size, turned = _singular(scaled)
-    kept = size > 1e-14 * size[0]
-    return np.asarray((turned[kept].T / size[kept] ** 2) @ turned[kept])
+    retained = size > 1e-14 * size[0]
+    return np.asarray((turned[retained].T / size[retained] ** 2) @ turned[retained])
 
 
 def _singular(tall: Array) -> tuple[Array, Array]:

@@ -132,14 +132,14 @@ _LINEAR_CREEP = 6.0  # of `creep_time`: the drift is a straight line
 class Part:
     """One record, ready to be simulated.
 
-    kept: which of its samples the search sees, shape (n,). unit_size: A ω_r^order, the normal form of the output.
+    selected: which of its samples the search sees, shape (n,). unit_size: A ω_r^order, the normal form of the output.
     """
 
     record: Record
     scales: Scales
     grid: Grid
     samples: NDArray[np.intp]
-    kept: Mask
+    selected: Mask
     order: int
     unit_size: float
     fixed: Array
@@ -208,7 +208,7 @@ class Layout:
         return found
 
 
-def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: Mask) -> Part:
+def make_part(record: Record, model: Model, scales: Scales, frame: Frame, selected: Mask) -> Part:
     """Return a record ready to be simulated with a model."""
     grid, samples = grid_of(record, scales, frame, model.law)
     order = derivative_order(record.output_unit)
@@ -217,7 +217,7 @@ def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: 
     if record.excitation == "base":
         fixed[PLACE["gain"]] = 1.0 / scales.physical("gain")
     size = scales.amplitude * scales.omega**order
-    return Part(record, scales, grid, samples, kept, order, size, fixed)
+    return Part(record, scales, grid, samples, selected, order, size, fixed)
 
 
 def free_mechanics(model: Model, record: Record) -> tuple[str, ...]:
@@ -231,7 +231,7 @@ def make_layout(model: Model, parts: Sequence[Part], steady: Sequence[str] | Non
 
     steady: of steady states, which have neither start nor rest position, the names of the numbers instead of `LOCAL`.
     """
-    place = PLACE if steady is None else {name: k for k, name in enumerate(steady)}
+    rank = PLACE if steady is None else {name: k for k, name in enumerate(steady)}
     entries = [Entry(name) for name in free_mechanics(model, parts[0].record)]
     if steady is None:
         entries += [
@@ -243,7 +243,7 @@ def make_layout(model: Model, parts: Sequence[Part], steady: Sequence[str] | Non
     for i, part in enumerate(parts):
         mine = [k for k, entry in enumerate(entries) if entry.record in (-1, i)]
         index.append(np.array(mine, dtype=np.intp))
-        column.append(np.array([place[entries[k].local] for k in mine], dtype=np.intp))
+        column.append(np.array([rank[entries[k].local] for k in mine], dtype=np.intp))
         ratio.append(np.array([_ratio(entries[k].local, parts[0].scales, part.scales) for k in mine]))
     return Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
 
@@ -396,12 +396,12 @@ class Fit(Fitted):
     """What records say about a model.
 
     nuisance: start and rest position of each record. predicted: the fitted output of each, in its unit, all samples.
-    kept: which of them were fitted. layout: for draws and predictions; see `sinew.identify.oscillator.model`.
+    selected: which of them were fitted. layout: for draws and predictions; see `sinew.identify.oscillator.model`.
     """
 
     records: tuple[Record, ...]
     predicted: tuple[Array, ...]
-    kept: tuple[Mask, ...]
+    selected: tuple[Mask, ...]
     layout: Layout
 
     @property
@@ -521,7 +521,7 @@ class ResidualTests:
 
 def ask_fit(fit: Fit) -> ResidualTests:
     """Return the tests of the residuals of a fit over the samples that it was fitted to, from the first to the last."""
-    parts = [slice(int(seen[0]), int(seen[-1]) + 1) for seen in map(np.flatnonzero, fit.kept)]
+    parts = [slice(int(seen[0]), int(seen[-1]) + 1) for seen in map(np.flatnonzero, fit.selected)]
     records = [record.cut(part.start, part.stop) for record, part in zip(fit.records, parts, strict=True)]
     residuals = [r[part] for r, part in zip(fit.residuals(), parts, strict=True)]
     return ask_residuals(records, residuals, 2 * np.pi * fit.natural_frequency_hz.value)
@@ -542,7 +542,7 @@ def ask_residuals(
     boxes = [_box(r) for r in centred]
     near = sum(float(r[1:] @ r[:-1]) for r in centred) / max(power, 1e-300)
     whole = len(owners) >= _FEWEST_BLOCKS
-    blocks = np.concatenate([_halved(o, r, omega, whole) for o, r in zip(owners, centred, strict=True)])
+    blocks = np.concatenate([_split(o, r, omega, whole) for o, r in zip(owners, centred, strict=True)])
     size = sum(r.size for r in centred)
     moved = sum(float(np.sum((o.output - o.output.mean()) ** 2)) for o in owners)
     return ResidualTests(
@@ -560,7 +560,7 @@ def _box(r: Array) -> tuple[float, int]:
     return r.size * (r.size + 2) * float(np.sum(each**2 / (r.size - np.arange(1, lags + 1)))), lags
 
 
-def _halved(record: Record, r: Array, omega: float, whole: bool) -> Array:
+def _split(record: Record, r: Array, omega: float, whole: bool) -> Array:
     """Return rms of the residuals, amplitude and frequency of the output in every block, shape (b, 3)."""
     period = 2 * np.pi / omega / record.step_s if np.isfinite(omega) and omega > 0 else r.size / _FEWEST_BLOCKS
     size = r.size if whole else min(max(4, round(period)), r.size)

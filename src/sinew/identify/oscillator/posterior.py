@@ -116,7 +116,7 @@ def density_of(fit: Fit) -> tuple[Laws, Density]:
     below = x < -_FAR_BELOW * np.nan_to_num(fit.covariance.std, posinf=np.inf)
     never = np.array([LOCAL[entry.local].positive for entry in fit.layout.entries])
     folded = (never & ~below).astype(float)
-    orders, stacks = _stacks(fit.layout, fit.kept)
+    orders, stacks = _stacks(fit.layout, fit.selected)
     laws = Laws(fit.model.law.compiled, orders)
     least, freedom = np.asarray(fit.solution.sum_of_squares), np.asarray(float(fit.covariance.degrees_of_freedom))
     return laws, Density(
@@ -129,19 +129,19 @@ def _stretch(fit: Fit, widths: Array, variance: float) -> tuple[Array, Array]:
     jacobian = np.nan_to_num(fit.solution.jacobian) * widths / np.sqrt(variance)
     information, axes = np.linalg.eigh(jacobian.T @ jacobian)
     turned = np.sqrt(np.maximum(information, 0.0))[:, None] * axes.T / widths
-    told = information > 1.0
+    informed = information > 1.0
     robust = np.eye(widths.size)
-    if told.any():
+    if informed.any():
         matrix = np.where(np.isfinite(fit.covariance.matrix), fit.covariance.matrix, 0.0)
-        seen = turned[told] @ matrix @ turned[told].T
+        seen = turned[informed] @ matrix @ turned[informed].T
         size, direction = np.linalg.eigh(0.5 * (seen + seen.T))
-        robust[np.ix_(told, told)] = (direction / np.maximum(size, 1e-3)) @ direction.T
+        robust[np.ix_(informed, informed)] = (direction / np.maximum(size, 1e-3)) @ direction.T
     return turned, robust
 
 
-def _stacks(layout: Layout, kept: tuple[Mask, ...]) -> tuple[tuple[int, ...], tuple[_Stack, ...]]:
+def _stacks(layout: Layout, selected: tuple[Mask, ...]) -> tuple[tuple[int, ...], tuple[_Stack, ...]]:
     alike: dict[tuple[int, int, int], list[_Stack]] = {}
-    for i, (part, mask) in enumerate(zip(layout.parts, kept, strict=True)):
+    for i, (part, mask) in enumerate(zip(layout.parts, selected, strict=True)):
         key = part.order, part.grid.step.size, layout.index[i].size
         alike.setdefault(key, []).append(_one(layout, part, i, mask))
     return tuple(key[0] for key in alike), tuple(
@@ -191,9 +191,9 @@ def _sum_of_squares(laws: Laws) -> Callable[[jax.Array, tuple[_Stack, ...]], jax
         return value, (gradient, stacks)
 
     def backward(
-        kept: tuple[jax.Array, tuple[_Stack, ...]], cotangent: jax.Array
+        selected: tuple[jax.Array, tuple[_Stack, ...]], cotangent: jax.Array
     ) -> tuple[jax.Array, tuple[_Stack, ...]]:
-        return cotangent * kept[0], jax.tree.map(jnp.zeros_like, kept[1])
+        return cotangent * selected[0], jax.tree.map(jnp.zeros_like, selected[1])
 
     squares.defvjp(forward, backward)
     return squares
@@ -382,7 +382,7 @@ def _run(
 def _better(fit: Fit, density: Density, values: Array) -> bool:
     """Return whether the chains went where the sum of squares is clearly smaller than the fit's."""
     few = values[:: max(1, values.shape[0] // 50)]
-    problem = fit.layout.problem(fit.kept)
+    problem = fit.layout.problem(fit.selected)
     least = min(float(np.sum(problem.residual(x) ** 2)) for x in few)
     return bool(least < float(density.least) - _BETTER * float(density.variance))
 
@@ -396,15 +396,15 @@ def _described(fit: Fit, values: Array, chains: int, divergences: int, better: b
         by_chain = column.reshape(chains, -1)
         r_hat[name], effective[name] = split_r_hat(by_chain), effective_number(by_chain)
     worst, fewest = max(r_hat.values()), min(effective.values())
-    told = [
+    lines = [
         f"{values.shape[0]} draws of {chains} {'chain' if chains == 1 else 'chains'}, "
         f"R-hat at most {worst:.3f}, at least {fewest:.0f} effective"
     ]
     if divergences:
-        told.append(f"{divergences} transitions diverged: these intervals may be too narrow")
+        lines.append(f"{divergences} transitions diverged: these intervals may be too narrow")
     if not (worst <= _UNMIXED and fewest >= _FEW):
-        told.append("the chains have not mixed; ask for more draws and warm-up")
+        lines.append("the chains have not mixed; ask for more draws and warm-up")
     if better:
-        told.append("the chains found a better fit than the search; fit again from another start")
-    told += [f"{sentence}: there the prior speaks" for sentence in fit.unidentifiable]
-    return Posterior(names, draws, values, estimates, r_hat, effective, divergences, "; ".join(told))
+        lines.append("the chains found a better fit than the search; fit again from another start")
+    lines += [f"{sentence}: there the prior speaks" for sentence in fit.unidentifiable]
+    return Posterior(names, draws, values, estimates, r_hat, effective, divergences, "; ".join(lines))

@@ -87,9 +87,9 @@ class Record:
 
     def cut(self, start: int, stop: int) -> "Record":
         """Return the samples start to stop - 1."""
-        kept = slice(start, stop)
-        given = None if self.input is None else self.input[kept]
-        return replace(self, time_s=self.time_s[kept], output=self.output[kept], input=given)
+        retained = slice(start, stop)
+        given = None if self.input is None else self.input[retained]
+        return replace(self, time_s=self.time_s[retained], output=self.output[retained], input=given)
 
 
 def derivative_order(unit: str) -> int:

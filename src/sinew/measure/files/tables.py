@@ -227,7 +227,7 @@ def _stacked(column: str) -> str:
 
 def _name_and_unit(column: str) -> tuple[str, str]:
     """Return the words of a name, and its unit as siunitx takes it; empty for a plain number."""
-    stem, bracket, place = column.partition("[")
+    stem, bracket, element = column.partition("[")
     words, *parts = named_unit(stem)
     above, below = (
         ".".join(_SIUNITX.get(unit, unit) + (f"^{power}" if power > 1 else "") for unit, power in part)
@@ -235,7 +235,7 @@ def _name_and_unit(column: str) -> tuple[str, str]:
     )
     if below:
         above = f"{above or '1'}/{f'({below})' if '.' in below else below}"
-    return _words("_".join(words) + bracket + place), f"\\unit{{{above}}}" if above else ""
+    return _words("_".join(words) + bracket + element), f"\\unit{{{above}}}" if above else ""
 
 
 _SIUNITX = {"deg": r"\degree"}

@@ -345,7 +345,7 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
     rows = [spoken.cells(line) for line in lines[start : start + _PROBED]]
     at, names = _line_above(above, len(above), spoken)
     if at is None:
-        beside = _beside(rows, spoken.width)
+        beside = _scope_names(rows, spoken.width)
         notes = () if beside else (*_skipped(len(above)), "no header: the columns are named by their places, from 1")
         return _Layout(beside or tuple(map(str, range(1, spoken.width + 1))), step_s=step, notes=notes)
     upper_at, upper = _line_above(above, at, spoken)
@@ -400,7 +400,7 @@ def _line_above(above: Sequence[Sequence[str]], before: int, spoken: _Dialect) -
     return None, []
 
 
-def _beside(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
+def _scope_names(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     """Return the names of an oscilloscope's columns whose settings stand beside its first samples, else none."""
     if width < 5 or rows[0][0] != "Record Length":
         return ()

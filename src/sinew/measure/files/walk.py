@@ -82,13 +82,13 @@ def read_walk(
     start_s, stop_s: in the file's own time [s]. Holes of up to 0.1 s are bridged by straight lines.
     Raises FileError for a file that is no table, SpecError, RecordingError, TimeError or UnitError with one sentence.
     """
-    asked = columns or WalkColumns()
+    requested = columns or WalkColumns()
     table = read_table(path)
-    specs, names = _channels(table, asked)
-    times = time_columns(table) if asked.time is None else find_columns(table, asked.time)[0]
+    specs, names = _channels(table, requested)
+    times = time_columns(table) if requested.time is None else find_columns(table, requested.time)[0]
     taken = [name for spec, _ in specs.values() for name in find_columns(table, spec)[0]]
     roles = {role: spec for role, (spec, _) in specs.items()}
-    found = read_stretch(table[[*times, *taken]], roles, asked.time, None, (start_s, stop_s), gaps="bridge")
+    found = read_stretch(table[[*times, *taken]], roles, requested.time, None, (start_s, stop_s), gaps="bridge")
     for role, (_, si) in specs.items():
         convert(found.said[role], si)  # raises where the unit is of another kind
     time, step = found.timeline.time_s, found.timeline.diagnosis.step_s
@@ -109,13 +109,13 @@ def read_walk(
     return WalkRecord(even, bodies, names, signals.get("yaw"), tuple(notes))
 
 
-def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, tuple[str, str]], dict[str, str]]:
+def _channels(table: Table, requested: WalkColumns) -> tuple[dict[str, tuple[str, str]], dict[str, str]]:
     """Return (columns with their unit, and the SI unit, by "role/kind/axis"; names of the bodies by role)."""
-    if asked.yaw is not None:
-        return {"yaw": (asked.yaw, "rad")}, {}
+    if requested.yaw is not None:
+        return {"yaw": (requested.yaw, "rad")}, {}
     sensors, markers = _whole_ones(table)
-    names = {role: asked.bodies.get(role) or _usual(role, sensors, markers) for role in _USUAL}
-    if not asked.bodies and not any(names.values()) and len(sensors) == 1:
+    names = {role: requested.bodies.get(role) or _usual(role, sensors, markers) for role in _USUAL}
+    if not requested.bodies and not any(names.values()) and len(sensors) == 1:
         names["pelvis"] = next(iter(sensors))
     chosen = {role: name for role, name in names.items() if name is not None}
     if not chosen:
@@ -123,10 +123,10 @@ def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, tuple[str, st
             f"no pelvis or trunk by a usual name; found the sensors {listed(sensors)} and the "
             f"markers {listed(markers)}; say --pelvis NAME, --trunk NAME, or LEFT,RIGHT for a pair of markers"
         )
-    units = {"gyr": (asked.gyro_unit, "rad/s"), "acc": (asked.acceleration_unit, "m/s2")}
+    units = {"gyr": (requested.gyro_unit, "rad/s"), "acc": (requested.acceleration_unit, "m/s2")}
     found: dict[str, tuple[str, str]] = {}
     for role, name in chosen.items():
-        columns = _marker_columns(name, markers, asked.up) if "," in name else _sensor_columns(name, sensors)
+        columns = _marker_columns(name, markers, requested.up) if "," in name else _sensor_columns(name, sensors)
         for kind, column in columns.items():
             stated, si = units.get(kind[:3], (None, "m"))
             found[f"{role}/{kind}"] = f"{column}:{stated or unit_in_name(column) or si}", si

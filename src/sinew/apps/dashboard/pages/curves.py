@@ -172,10 +172,10 @@ def options_of(
     """
     series: list[dict[str, Any]] = []
     points = sum(not curve.is_line for curve in curves)
-    for place, curve in enumerate(curves):
+    for index, curve in enumerate(curves):
         # Of points at one place the first are the largest, so that none hides another.
-        size = 8 + 2 * min(2, max(0, points - 1 - place))
-        series += _series(curve, place if curve.number is None else curve.number, size)
+        size = 8 + 2 * min(2, max(0, points - 1 - index))
+        series += _series(curve, index if curve.number is None else curve.number, size)
     if marks:
         label = {
             "show": True,
@@ -295,8 +295,10 @@ def _said(curve: Curve, i: int) -> str:
     low, high = (curve.low[i], curve.high[i]) if curve.low else (None, None)
     lines = [escape(curve.name), typeset(f"at {x:g}: {interval(curve.y[i], low, high)}")]
     if verdict is not None:
-        hoped = number(verdict.predicted, 3) + ("" if verdict.low is None else f" ({span(verdict.low, verdict.high)})")
-        lines.append(typeset(f"predicted {hoped}"))
+        predicted = number(verdict.predicted, 3) + (
+            "" if verdict.low is None else f" ({span(verdict.low, verdict.high)})"
+        )
+        lines.append(typeset(f"predicted {predicted}"))
         lines.append(f"<b>misses by {verdict.sentence}</b>" if verdict.misses else f"within: {verdict.sentence}")
     return "<br>".join(lines)
 

@@ -13,7 +13,7 @@ from sinew.apps.dashboard.folders import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.apps.dashboard.pages.plan import (
-    SHELF_NAME,
+    LIBRARY_NAME,
     in_words,
     plain_button,
     say,
@@ -113,7 +113,7 @@ class _Sliders:
                     self._name = ui.input("Name of the rig", value="my joint").props(
                         "outlined dense for=sinew-rig-name"
                     )
-                    plain_button("Save as rig", "sinew-rig-save", self._put_on_shelf, steers=True)
+                    plain_button("Save as rig", "sinew-rig-save", self._put_in_library, steers=True)
                     plain_button("Download", "sinew-rig-download", self._download)
                     why_not()
                 self._saved = ui.label().props("id=sinew-rig-state role=status").classes("sinew-soft")
@@ -183,13 +183,13 @@ class _Sliders:
         await self._change()
 
     async def _list_rigs(self) -> None:
-        """Offer what is on the shelf of rigs now."""
+        """Offer what is in the library of rigs now."""
         try:
-            shelves = await self._site.work.call("shelf", str(self._site.runs))
+            libraries = await self._site.work.call("library", str(self._site.runs))
         except SinewError:  # what was offered stays; a rig is not needed to move a slider
             return
         rigs = {self._rig_name: self._rig_name, self._site.rig: self._site.rig}
-        self._rigs.set_options(rigs | in_words(shelves["rigs"], self._site.rig), value=self._rig_name)
+        self._rigs.set_options(rigs | in_words(libraries["rigs"], self._site.rig), value=self._rig_name)
 
     def _go_to(self, event: events.ValueChangeEventArguments[str]) -> None:
         if event.value != self._rig_name:
@@ -210,11 +210,11 @@ class _Sliders:
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, each within its ends, and show what comes of it."""
-        asked, values = values, {key: self._within(key, value) for key, value in values.items()}
+        awaited, values = values, {key: self._within(key, value) for key, value in values.items()}
         changed = [key for key, value in values.items() if value != self._values[key]]
         self._values |= {key: values[key] for key in changed}
-        for key in asked:
-            if values[key] != asked[key]:
+        for key in awaited:
+            if values[key] != awaited[key]:
                 self._rows[key].said.set_text(f"{values[key]:g} {_SIZES[key].unit} is the end of this slider.")
                 self._show_value(key)
             elif key in changed:
@@ -297,7 +297,7 @@ class _Sliders:
         """Return (name of its file, text) of the joint as a rig; None where it cannot be one, which is said."""
         name = (self._name.value or "").strip()
         if not is_run_name(name.replace(" ", "_")):
-            self._saved.set_text(f"A rig's name takes {SHELF_NAME}.")
+            self._saved.set_text(f"A rig's name takes {LIBRARY_NAME}.")
             return None
         try:
             text = await self._site.work.call("rig_text", self._rig_toml, self._changes(self._values), name)
@@ -306,14 +306,14 @@ class _Sliders:
             return None
         return f"{name.removesuffix('.toml')}.toml", text
 
-    async def _put_on_shelf(self) -> None:
-        """Have the viewer's browser put the rig on the shelf; over another one only when asked a second time."""
+    async def _put_in_library(self) -> None:
+        """Have the viewer's browser put the rig in the library; over another one only when asked a second time."""
         self._saved.set_text("The rig is being saved.")
         self._plan_it.set_visibility(False)
         if (made := await self._rig()) is None:
             return
-        told = {"shelf": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
-        answer = await steer("shelve", told)
+        request = {"library": "rigs", "name": made[0], "text": made[1], "replace": made[0] == self._replacing}
+        answer = await steer("store", request)
         self._replacing = made[0] if answer.get("exists") else None
         unknown = "Not saved." if answer else "Whether it is saved is not known; the page Plan lists the rigs."
         self._saved.set_text(answer.get("sentence") or unknown)

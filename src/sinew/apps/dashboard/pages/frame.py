@@ -18,7 +18,7 @@ from starlette.responses import HTMLResponse, Response
 
 from sinew.apps.dashboard.access import Access, said
 from sinew.apps.dashboard.hub import Hub, Results
-from sinew.apps.dashboard.work.runs import read_shelf
+from sinew.apps.dashboard.work.runs import read_library
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.estimate import shown_interval, typeset
 from sinew.measure.units import local_time
@@ -46,8 +46,8 @@ class Site:
     results: Results
 
     def rig_text(self, name: str) -> str:
-        """Return the TOML text of the rig that is offered first, or of one on the shelf. Raises SpecError."""
-        return read_spec("rigs", name) if name == self.rig else read_shelf("rigs", name, self.runs)
+        """Return the TOML text of the rig that is offered first, or of one in the library. Raises SpecError."""
+        return read_spec("rigs", name) if name == self.rig else read_library("rigs", name, self.runs)
 
 
 _PARTS = Environment(
@@ -129,7 +129,7 @@ def columns_of(labels: Mapping[str, str], right: Collection[str] = ()) -> list[d
 
 def tabulate(labels: Mapping[str, str], rows: Sequence[Sequence[str]], right: Collection[str] = ()) -> ui.table:
     """Show rows of texts below their labels. labels, right: as for `columns_of`."""
-    shown = [{"key": place, **dict(zip(labels, row, strict=True))} for place, row in enumerate(rows)]
+    shown = [{"key": index, **dict(zip(labels, row, strict=True))} for index, row in enumerate(rows)]
     table = ui.table(rows=shown, columns=columns_of(labels, right), row_key="key", pagination=20)
     return table.props("flat dense wrap-cells").classes("w-full")
 

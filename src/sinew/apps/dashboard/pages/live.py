@@ -21,7 +21,7 @@ from sinew.apps.dashboard.pages.frame import (
     quantity,
     script,
 )
-from sinew.apps.dashboard.work.results import misses, tally
+from sinew.apps.dashboard.work.results import count_misses, misses
 from sinew.apps.dashboard.work.samples import MOST_LEVEL, drawn_rig
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import load_rig
@@ -47,11 +47,11 @@ def add_live_page(site: Site) -> None:
                 # As the grid of a desk shows them: what a key goes to next stands next.
                 gain = _gain_card()
                 scene = _joint_card()
-                with live_card("Run", 3) as place:
-                    place.classes("sinew-at-run")
+                with live_card("Run", 3) as position:
+                    position.classes("sinew-at-run")
                     _part("run").classes("w-full")
-                with live_card("Oscilloscope", 6) as place:
-                    place.classes("sinew-at-scope")
+                with live_card("Oscilloscope", 6) as position:
+                    position.classes("sinew-at-scope")
                     ui.html(part("scope", "scope", True), sanitize=False).classes("w-full")
                 _curves(site, gain)
                 for title, name, framing in _CARDS:
@@ -70,8 +70,8 @@ def _part(name: str) -> ui.html:
 
 def _joint_card() -> int:
     """Lay the joint out and return the number of its scene."""
-    with live_card("Joint", 3) as place:
-        place.classes("sinew-at-joint")
+    with live_card("Joint", 3) as position:
+        position.classes("sinew-at-joint")
         about = "The joint as it moves. Arrow keys turn it, plus and minus bring it nearer and farther, Home back."
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
@@ -84,9 +84,9 @@ def _joint_card() -> int:
 
 def _gain_card() -> Curves:
     """Lay out the gain, which grows with the run."""
-    with card("Resonance curve: gain, torsion over commanded amplitude", 6) as place:
+    with card("Resonance curve: gain, torsion over commanded amplitude", 6) as position:
         gain = Curves("gain")
-    place.classes("sinew-at-curve")
+    position.classes("sinew-at-curve")
     return gain
 
 
@@ -107,11 +107,11 @@ def _curves(site: Site, gain: Curves) -> None:
 
     def list_misses() -> None:
         """Add what is new and take away what is gone: whoever hears the page hears each once."""
-        told = misses(site.results.measured)
-        for sentence in [one for one in lines if one not in told]:
+        missed_points = misses(site.results.measured)
+        for sentence in [one for one in lines if one not in missed_points]:
             lines.pop(sentence).delete()
         with missed:
-            for sentence in [one for one in told if one not in lines]:
+            for sentence in [one for one in missed_points if one not in lines]:
                 lines[sentence] = ui.element("li")
                 with lines[sentence]:
                     ui.label(sentence)
@@ -139,7 +139,7 @@ _NOT_YET = "No prediction yet: it comes as soon as a run begins."
 def _verdict(results: Results) -> str:
     """Return how measured and predicted compare, or what is waited for."""
     if results.predicted:
-        return tally(results.measured) or "Nothing is measured yet; the lines are the prediction."
+        return count_misses(results.measured) or "Nothing is measured yet; the lines are the prediction."
     if results.remark:
         return "There is no prediction to hold this run against."
     return "The prediction is being computed." if results.is_predicting else _NOT_YET

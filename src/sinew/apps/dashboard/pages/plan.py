@@ -1,4 +1,4 @@
-"""The plan page: a plan chosen, edited, previewed, kept on the shelf and started."""
+"""The plan page: a plan chosen, edited, previewed, kept in the library and started."""
 
 import asyncio
 import html
@@ -30,7 +30,7 @@ _BENDS = "The emulated bench begins with a head that bends: that takes half a mi
 _AT_ITS_LINE = re.compile(r"^(the plan is |plan key \S+ )")  # what need not be said where it stands
 _DRAFT = "sinew-plan"
 _RUN_NAME = "up to 80 letters, digits, dots, dashes and underscores, a letter or digit first"
-SHELF_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
+LIBRARY_NAME = "letters, digits, dots, dashes, underscores and spaces, a letter or digit first"
 _FINDINGS = {"refuse": ("Refused", "sinew-bad"), "warn": ("Mind", "sinew-warn"), "note": ("Note", "sinew-soft")}
 _GROUPS = {"steady": "swing", "ring-down": "decay", "idle": "rest", "tracking": "tracking"}
 
@@ -53,10 +53,10 @@ class _Desk:
     """One viewer's plan while it is prepared."""
 
     def __init__(self, site: Site, rig: str) -> None:
-        self._site, self._asked_rig = site, rig
+        self._site, self._requested_rig = site, rig
         self._rig = site.rig
         self._plan = _QUICK_PLAN if site.bench == "emulator" else _FIRST_PLAN
-        self._shelved = ""  # the plan's text as it is on the shelf
+        self._stored = ""  # the plan's text as it is in the library
         self._draft = ("", "")  # plan, and what was changed in it; the browser keeps it, too
         self._replacing: str | None = None  # what the next saving may take the place of
         self._toml: str | None = None  # what was previewed and may start
@@ -83,10 +83,10 @@ class _Desk:
                     self._text = ui.codemirror(language="TOML", indent="  ", on_change=self._edited)
                 self._state = ui.label().props("id=sinew-plan-state role=status").classes("sinew-soft")
                 with ui.element("div").classes("sinew-row"):
-                    self._name = ui.input("Name on the shelf", validation={SHELF_NAME: _is_file_name})
+                    self._name = ui.input("Name in the library", validation={LIBRARY_NAME: _is_file_name})
                     self._name.props("outlined dense for=sinew-plan-name")
                     self._save = plain_button("Save", "sinew-plan-save", self._keep, steers=True)
-                    self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_shelved)
+                    self._discard = plain_button("Discard changes", "sinew-plan-discard", self._take_stored)
                     why_not()
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
@@ -95,26 +95,26 @@ class _Desk:
                     self._reach = Curves("amplitude_drive")
 
     async def begin(self) -> None:
-        """Offer what is on the shelves, with the plan that was edited last or the first one, and preview it."""
+        """Offer what is in the libraries, with the plan that was edited last or the first one, and preview it."""
         chosen, rig, draft = await self._kept()
         self._draft = (chosen or "", draft)
-        shelves = await self._site.work.call("shelf", str(self._site.runs))
-        if chosen is not None and chosen in {row["name"] for row in shelves["plans"]}:
+        libraries = await self._site.work.call("library", str(self._site.runs))
+        if chosen is not None and chosen in {row["name"] for row in libraries["plans"]}:
             self._plan = chosen
-        shelf = {row["name"] for row in shelves["rigs"]}
-        self._rig = next((one for one in (self._asked_rig, rig) if one is not None and one in shelf), self._rig)
-        if self._asked_rig not in ("", self._rig):
-            say(f"There is no rig {self._asked_rig} on the shelf; {self._rig} is chosen.")
+        library = {row["name"] for row in libraries["rigs"]}
+        self._rig = next((one for one in (self._requested_rig, rig) if one is not None and one in library), self._rig)
+        if self._requested_rig not in ("", self._rig):
+            say(f"There is no rig {self._requested_rig} in the library; {self._rig} is chosen.")
         with self._choice:
-            self._choose(shelves)
+            self._choose(libraries)
         await self._take(self._plan)
 
-    def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
-        rigs = {self._site.rig: self._site.rig} | in_words(shelves["rigs"], self._site.rig)
+    def _choose(self, libraries: dict[str, list[dict[str, Any]]]) -> None:
+        rigs = {self._site.rig: self._site.rig} | in_words(libraries["rigs"], self._site.rig)
         name = self._run_name(self._plan)
         letters: Any = {_RUN_NAME: is_run_name}
         self._plans = ui.select(
-            in_words(shelves["plans"], _QUICK_PLAN),
+            in_words(libraries["plans"], _QUICK_PLAN),
             value=self._plan,
             label="Begin with the plan",
             on_change=self._change_plan,
@@ -135,13 +135,13 @@ class _Desk:
             await self._take(event.value)
 
     async def _take(self, name: str) -> None:
-        """Take a plan of the shelf, with what was changed in it before."""
+        """Take a plan of the library, with what was changed in it before."""
         try:
-            text = await self._site.work.call("read_shelf", "plans", name, str(self._site.runs))
+            text = await self._site.work.call("read_library", "plans", name, str(self._site.runs))
         except SinewError as trouble:
             say(str(trouble))
             return
-        self._plan, self._shelved = name, text
+        self._plan, self._stored = name, text
         if self._run.value == self._suggested:
             self._run.set_value(self._run_name(name))
         self._name.set_value(name.removesuffix(".toml") if _is_own(name) else f"my {name}")
@@ -150,8 +150,8 @@ class _Desk:
         if self._text.value == was:
             await self._edited()
 
-    def _take_shelved(self) -> None:
-        self._text.set_value(self._shelved)
+    def _take_stored(self) -> None:
+        self._text.set_value(self._stored)
 
     async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
@@ -160,7 +160,7 @@ class _Desk:
 
     async def _edited(self) -> None:
         """Keep what was typed, in the browser, and look at it."""
-        is_changed = self._text.value != self._shelved and len(self._text.value) <= MOST_CHARACTERS
+        is_changed = self._text.value != self._stored and len(self._text.value) <= MOST_CHARACTERS
         if is_changed or self._draft[0] == self._plan:
             self._draft = (self._plan, self._text.value if is_changed else "")
         self._remember()
@@ -173,16 +173,16 @@ class _Desk:
 
     async def _kept(self) -> tuple[str | None, str | None, str]:
         """Return plan, rig and draft that this browser keeps; None and none where it keeps nothing."""
-        asked = f"try {{ return localStorage.getItem('{_DRAFT}') }} catch {{ return null }}"
+        question = f"try {{ return localStorage.getItem('{_DRAFT}') }} catch {{ return null }}"
         with suppress(TimeoutError, ValueError, TypeError, KeyError):
-            kept = json.loads(await ui.run_javascript(asked, timeout=_ANSWER_S))
-            return str(kept["plan"]), str(kept["rig"]), str(kept["draft"])
+            stored = json.loads(await ui.run_javascript(question, timeout=_ANSWER_S))
+            return str(stored["plan"]), str(stored["rig"]), str(stored["draft"])
         return None, None, ""
 
     def _tell_state(self) -> None:
-        is_changed = self._text.value != self._shelved
+        is_changed = self._text.value != self._stored
         name = self._plan.removesuffix(".toml")
-        where = f"{name} on the shelf" if _is_own(self._plan) else f"the plan {name} that ships with Sinew"
+        where = f"{name} in the library" if _is_own(self._plan) else f"the plan {name} that ships with Sinew"
         said = f"Changed: this browser keeps it, {where} is as it was." if is_changed else f"As {where}."
         self._state.set_text(said)
         self._state.classes(replace="sinew-warn" if is_changed else "sinew-soft")
@@ -227,11 +227,11 @@ class _Desk:
 
     async def _tried(self, name: str, *arguments: Any) -> dict[str, Any] | None:
         try:
-            asked = self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
-            told: dict[str, Any] | None = await unless_left(asked, ui.context.client.disconnected())
+            awaited = self._site.work.call(name, *arguments, key=f"{name} {id(self)}")
+            request: dict[str, Any] | None = await unless_left(awaited, ui.context.client.disconnected())
         except SinewError as trouble:
             return {"trouble": str(trouble)}
-        return told
+        return request
 
     def _mark(self, toml: str, faults: Sequence[dict[str, Any]]) -> None:
         """Mark the lines of a plan at which something is wrong, and say there what."""
@@ -240,8 +240,8 @@ class _Desk:
         for number in sorted({fault["line"] for fault in faults if fault["line"]}):
             said = "; ".join(_AT_ITS_LINE.sub("", one["sentence"]) for one in faults if one["line"] == number)
             marks.append({"kind": "line", "line": number, "class": "sinew-fault-line"})
-            place = ends[min(number, len(ends)) - 1]
-            marks.append({"kind": "widget", "position": place, "text": said, "class": "sinew-fault"})
+            position = ends[min(number, len(ends)) - 1]
+            marks.append({"kind": "widget", "position": position, "text": said, "class": "sinew-fault"})
         if marks != self._text.decorations:
             self._text.decorations = marks
 
@@ -322,31 +322,31 @@ class _Desk:
         except SinewError as trouble:
             say(str(trouble))
             return
-        asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
-        ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
+        question = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
+        ui.run_javascript(f"Sinew.start({question}).then(a => {{ if (a.ok) location.href = '/'; }})")
 
     async def _keep(self) -> None:
-        """Have the viewer's browser put the plan on the shelf; over another one only when asked a second time."""
+        """Have the viewer's browser put the plan in the library; over another one only when asked a second time."""
         name, text = self._name.value.strip(), self._text.value
         if not _is_file_name(name):
-            say(f"A plan's name on the shelf takes {SHELF_NAME}.")
+            say(f"A plan's name in the library takes {LIBRARY_NAME}.")
             return
         file = f"{name.removesuffix('.toml')}.toml"
-        told = {"shelf": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
-        answer = await steer("shelve", told)
+        request = {"library": "plans", "name": file, "text": text, "replace": file in (self._plan, self._replacing)}
+        answer = await steer("store", request)
         self._replacing = file if answer.get("exists") else None
         for label in self._save:
             label.props(f"innerHTML={'Replace' if self._replacing else 'Save'}")
         if answer.get("ok"):
             self._draft = ("", "")
-            self._plan, self._shelved = file, text
+            self._plan, self._stored = file, text
             self._remember()
             self._tell_state()
             if self._run.value == self._suggested:
                 self._run.set_value(self._run_name(file))
-            with suppress(SinewError):  # what was done on the shelf is done; the list here is as it was
-                shelves = await self._site.work.call("shelf", str(self._site.runs))
-                self._plans.set_options(in_words(shelves["plans"], _QUICK_PLAN), value=file)
+            with suppress(SinewError):  # what was done in the library is done; the list here is as it was
+                libraries = await self._site.work.call("library", str(self._site.runs))
+                self._plans.set_options(in_words(libraries["plans"], _QUICK_PLAN), value=file)
 
 
 def plain_button(text: str, name: str, act: Any, *, steers: bool = False) -> ui.element:
@@ -369,11 +369,11 @@ def say(sentence: str) -> None:
     ui.run_javascript(f"Sinew.say({json.dumps(sentence)}, 'bad')")
 
 
-async def steer(command: str, told: dict[str, Any]) -> dict[str, Any]:
+async def steer(command: str, request: dict[str, Any]) -> dict[str, Any]:
     """Return what the steward answers to a command of this browser, which also shows it."""
     try:
         answer = await ui.run_javascript(
-            f"return Sinew.command({json.dumps(command)}, {json.dumps(told)})", timeout=_ANSWER_S
+            f"return Sinew.command({json.dumps(command)}, {json.dumps(request)})", timeout=_ANSWER_S
         )
     except TimeoutError:
         return {}
@@ -388,13 +388,13 @@ def _is_file_name(name: str | None) -> bool:
     return is_run_name((name or "").strip().replace(" ", "_"))
 
 
-def in_words(shelf: Sequence[dict[str, Any]], first: str) -> dict[str, str]:
-    """Return what a list calls a shelf's rigs or plans, by their names: the lab's own, then `first`, then the rest."""
+def in_words(library: Sequence[dict[str, Any]], first: str) -> dict[str, str]:
+    """Return what a list calls rigs or plans, by their names: the lab's own, then `first`, then the rest."""
     words = {}
-    for row in sorted(shelf, key=lambda row: (row["shipped"], row["name"] != first, row["name"])):
+    for row in sorted(library, key=lambda row: (row["shipped"], row["name"] != first, row["name"])):
         name, about = row["name"].removesuffix(".toml"), [row["about"]] if row["about"] else []
-        told = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
-        words[row["name"]] = f"{name} ({told})" if told else name
+        sentence = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
+        words[row["name"]] = f"{name} ({sentence})" if sentence else name
     return words
 
 
@@ -425,7 +425,7 @@ _LAST_TICK = 0.93  # of the whole: the time of one farther right would be cut of
 def timeline_html(stages: Sequence[dict[str, Any]]) -> str:
     """Return a plan's stages as bars over time, told on hovering, and as a table. stages: of `plan_outline`."""
     whole = stages[-1]["start_s"] + stages[-1]["duration_s"]
-    bars = [{**one, "style": one["kind"], "label": _short(one), "told": _told(one)} for one in stages]
+    bars = [{**one, "style": one["kind"], "label": _short(one), "told": _stage_words(one)} for one in stages]
     levels = []
     for mm, level in groupby((one for one in stages if one["pretension_mm"] is not None), itemgetter("pretension_mm")):
         first, last = itemgetter(0, -1)(list(level))
@@ -459,7 +459,7 @@ def _short(one: dict[str, Any]) -> str:
     return f"{one['frequency_hz']:.3g} Hz" if is_record and one["frequency_hz"] is not None else ""
 
 
-def _told(one: dict[str, Any]) -> str:
+def _stage_words(one: dict[str, Any]) -> str:
     drive = "" if one["frequency_hz"] is None or one["groups"] > 1 else f" at {one['frequency_hz']:.4g} Hz"
     held = "" if one["pretension_mm"] is None else f", {one['pretension_mm']:g} mm"
     return f"{begun(_doing(one))}{drive}{held}: {_span(one)}"

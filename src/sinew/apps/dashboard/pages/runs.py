@@ -27,7 +27,7 @@ from sinew.apps.dashboard.pages.frame import (
     quantity,
     tabulate,
 )
-from sinew.apps.dashboard.work.results import judged, misses, tally
+from sinew.apps.dashboard.work.results import count_misses, judged, misses
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import span, typeset
@@ -82,8 +82,8 @@ def add_runs_pages(site: Site) -> None:
 
 def _address(names: list[str], search: str = "") -> str:
     """Return the address of the page that shows these runs, which others can open."""
-    asked = [*(("open", name) for name in names), *([("search", search)] if search else [])]
-    return f"/runs?{urlencode(asked)}" if asked else "/runs"
+    address_query = [*(("open", name) for name in names), *([("search", search)] if search else [])]
+    return f"/runs?{urlencode(address_query)}" if address_query else "/runs"
 
 
 class _List:
@@ -242,7 +242,7 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     row = {key: run.get(key) or "–" for key in ("name", "plan", "rig")}
     row |= {"started": clock_time(run.get("started") or "–"), "state": f"{run['state']}{done}"}
     row |= {one: typeset(_shown([found[one] for found in run["found"] if one in found])) for one in COMMON}
-    if not any(_is_told(found, "resonance_hz") for found in run["found"]):
+    if not any(_has_value(found, "resonance_hz") for found in run["found"]):
         row["untold"] = run.get("untold") or run.get("remark") or ""
         row["resonance_hz"] = re.split("[:;]", row["untold"])[0] or "–"
     if run.get("has_ring_downs") is False and not any("damping_ratio" in found for found in run["found"]):
@@ -251,7 +251,7 @@ def _row(run: dict[str, Any]) -> dict[str, Any]:
     return row | {"reason": reason[:200]}
 
 
-def _is_told(row: dict[str, Any], quantity: str) -> bool:
+def _has_value(row: dict[str, Any], quantity: str) -> bool:
     return quantity in row and row[quantity]["value"] is not None
 
 
@@ -266,15 +266,15 @@ def _shown(found: list[dict[str, Any]]) -> str:
 def trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """Return ECharts' options of values over dates, with lines and their 90 % bands."""
     curves = []
-    for place, one in enumerate(found[:_MOST_OVERLAID]):
+    for index, one in enumerate(found[:_MOST_OVERLAID]):
         every = -(-len(one["days"]) // _MOST_POINTS)
         at = [_MS_OF_A_DAY * day for day in one["days"][::every]]
-        curves.append(Curve.of_estimates(one["title"], at, one["values"][::every], place))
+        curves.append(Curve.of_estimates(one["title"], at, one["values"][::every], index))
         if one["line"] is not None:
             line = one["line"]
             days = [_MS_OF_A_DAY * day for day in line["days"]]
             curves.append(
-                Curve(f"{one['title']}, line", days, line["value"], line["low"], line["high"], True, number=place)
+                Curve(f"{one['title']}, line", days, line["value"], line["low"], line["high"], True, number=index)
             )
     options = options_of("gain", curves, "")
     dates = {"year": "{yyyy}", "month": "{MMM} {yyyy}", "day": "{d} {MMM}"}
@@ -292,8 +292,8 @@ async def _open(site: Site, names: list[str]) -> None:
     if not names:
         empty("No run has that name.")
         return
-    place = ui.element("div").classes("w-full")
-    with place:
+    index = ui.element("div").classes("w-full")
+    with index:
         said = "The run is being analysed" if len(names) == 1 else "The runs are being analysed"
         ui.spinner(size="2rem").props(f'aria-label="{said}"')
         ui.label(f"{said} …; the first time takes some seconds.").classes("sinew-soft")
@@ -310,8 +310,8 @@ async def _open(site: Site, names: list[str]) -> None:
     compared: dict[str, Any] = {"rows": [], "sentences": []}
     if len(names) > 1:
         compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
-    place.clear()
-    with place, ui.element("div").classes("sinew-grid"):
+    index.clear()
+    with index, ui.element("div").classes("sinew-grid"):
         _headlines(found, about)
         _doubts(found)
         charts = _curves(found)
@@ -327,30 +327,30 @@ async def _open(site: Site, names: list[str]) -> None:
         for name in names:
             _downloads(name, has_samples=(site.runs / name / JOURNAL).is_file())
     if len(found) == 1 and found[0][1].get("curves") and (site.runs / found[0][0] / JOURNAL).is_file():
-        await _foretell(site, *found[0], charts, verdict)
+        await _draw_expected(site, *found[0], charts, verdict)
 
 
-async def _foretell(
-    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], place: ui.element
+async def _draw_expected(
+    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], index: ui.element
 ) -> None:
     """Draw what was to be expected of a run behind what it measured, and say what misses it."""
-    with place, card("Measured against predicted", 12):
+    with index, card("Measured against predicted", 12):
         ui.label("The prediction is being computed …").props("role=status").classes("sinew-soft")
     try:
         found = await site.work.call("prediction_of_run", str(site.runs / name))
     except SinewError:
         found = {"curves": []}  # a recording from elsewhere: nobody knows its rig and plan
-    if place.is_deleted:
+    if index.is_deleted:
         return
-    place.clear()
+    index.clear()
     if not found["curves"]:
         return
     predicted = numbered(found["curves"], found["plan"])
     measured = judged(predicted, numbered(results["curves"], found["plan"]))
     for chart in charts.values():
         chart.show(predicted, measured)
-    with place, card("Measured against predicted", 12):
-        ui.label(tally(measured)).classes("text-bold").props("data-verdict")
+    with index, card("Measured against predicted", 12):
+        ui.label(count_misses(measured)).classes("text-bold").props("data-verdict")
         for sentence in misses(measured):
             ui.label(sentence)
         ui.label(basis_of(parse_rig(found["rig"]))).classes("sinew-soft")
@@ -358,21 +358,21 @@ async def _foretell(
 
 def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[str, Any]]) -> None:
     """Say of each run what it is and the numbers that one came for; the other resonances are in the table below."""
-    with card("Resonance and damping", 12) as place:
-        place.props("data-headline")
+    with card("Resonance and damping", 12) as index:
+        index.props("data-headline")
         for name, results in found:
-            rows, told = results.get("parameters", []), []
+            rows, parts = results.get("parameters", []), []
             for one in ("resonance_hz", "damping_ratio"):
                 if numbers := [row["estimate"] for row in rows if row["quantity"] == one]:
                     unit = f" {QUANTITIES[one].unit}".rstrip()
-                    told.append(f"{QUANTITIES[one].called[0]} {typeset(_shown(numbers))}{unit}")
+                    parts.append(f"{QUANTITIES[one].called[0]} {typeset(_shown(numbers))}{unit}")
             levels = " to ".join(f"{mm:g}" for mm in _ends([row["pretension_mm"] for row in rows]))
-            said = f"{', '.join(told)} at {levels} mm of pretension" if told else _NOTHING
+            said = f"{', '.join(parts)} at {levels} mm of pretension" if parts else _NOTHING
             ui.label(f"{name}: {said}" if len(found) > 1 else said).classes("text-h6")
             if source := SOURCES.get(results.get("source") or ""):
                 rig = f", rig {about[name]['rig']}" if name in about and about[name]["rig"] else ""
                 ui.label(f"{begun(source)}{rig}.").classes("sinew-soft")
-        ui.label(_HOW_TOLD).classes("sinew-soft")
+        ui.label(_HOW_SHOWN).classes("sinew-soft")
 
 
 def _ends(levels: list[float]) -> list[float]:
@@ -381,7 +381,7 @@ def _ends(levels: list[float]) -> list[float]:
 
 
 _NOTHING = "No resonance and no damping could be told."
-_HOW_TOLD = (
+_HOW_SHOWN = (
     "f_r: frequency at which torsion over commanded amplitude is largest; D: Lehr's damping, of the ring-downs; with "
     "90 % intervals, or from the least to the greatest over the pretensions. What else is called a resonance (by 90° "
     "of lag, by the paper's mean of peaks, of the decay) is in What was found."

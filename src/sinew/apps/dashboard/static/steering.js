@@ -40,7 +40,7 @@ async function send(command, more = {}) {
 }
 
 function words(command) {
-  return { continue: "go on with a run", shelve: "save" }[command] ?? `${command} a run`;
+  return { continue: "go on with a run", store: "save" }[command] ?? `${command} a run`;
 }
 
 async function command(name, more = {}) {

@@ -132,7 +132,7 @@ def base_rig(rig: str) -> "RigSpec":
 
 # A plan's curves are foretold, for what is measured to be held against.
 
-_NOT_FORETOLD = (
+_NOT_PREDICTED = (
     "This page holds no prediction beside a head that bends or sways; sinew predict --bend-deg says how it swings."
 )
 _ROOM = 0.4
@@ -154,7 +154,7 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     if plan.is_spatial:
-        return {"curves": [], "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
+        return {"curves": [], "can_have_bands": False, "remarks": [_NOT_PREDICTED]}
     from sinew.predict.band import spread_of
     from sinew.predict.predicted import predict
     from sinew.solve.programs import configure
@@ -223,11 +223,11 @@ def plan_outline(plan_toml: str, rig_toml: str | None = None) -> dict[str, Any]:
     from sinew.plan.toml import parse_plan, plan_faults
 
     faults = plan_faults(plan_toml, None if rig_toml is None else base_rig(rig_toml))
-    told = {"faults": [fault._asdict() for fault in faults]}
+    document = {"faults": [fault._asdict() for fault in faults]}
     if not all(fault.is_limit for fault in faults):
-        return told
+        return document
     plan = parse_plan(plan_toml)
-    return {**told, "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
+    return {**document, "name": plan.name, "stages": [stage._asdict() for stage in stages_of(plan)]}
 
 
 def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     from sinew.bench.preflight import wire_times
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
-    from sinew.predict.expected_response import foresee_plan, held_preview, preview_plan, told_preview
+    from sinew.predict.expected_response import foresee_plan, held_preview, preview_document, preview_plan
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     require_motors(plan, "the bench")
@@ -250,5 +250,5 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     else:
         preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
-    told = told_preview(plan, rig, preview) | {"wire": wire_times(plan, rig)}
-    return {**told, "refusals": list(preview.refusals), "warnings": warnings}
+    document = preview_document(plan, rig, preview) | {"wire": wire_times(plan, rig)}
+    return {**document, "refusals": list(preview.refusals), "warnings": warnings}

@@ -118,21 +118,21 @@ def read_found(folder: Path) -> dict[str, Any]:
     from sinew.analysis.analysed import figures_document
 
     about = _attributes(folder).attrs if (folder / RECORDING).exists() else {}
-    told: dict[str, Any] = {"analysed": False, "remark": "not analysed yet"}
+    state: dict[str, Any] = {"analysed": False, "remark": "not analysed yet"}
     if (folder / RESULTS).exists():
         with held_inside(folder.parent, folder / RESULTS) as path:
             document, results = figures_document(path)
         if about and results.attrs.get("recording_hash") != about.get("content_hash"):
-            told["remark"] = "its results are of another recording; they are made anew when it is opened"
+            state["remark"] = "its results are of another recording; they are made anew when it is opened"
         else:
             about = about or results.attrs
-            told |= {"found": _found(document, results), "analysed": True, "remark": "", "untold": _untold(results)}
+            state |= {"found": _found(document, results), "analysed": True, "remark": "", "untold": _untold(results)}
     said = {
         "source": str(about.get("source", "")),
         **{one: name_in(str(about.get(one, ""))) for one in ("rig", "plan")},
     }
     said["started"] = str(about.get("started", ""))
-    return told | {key: value for key, value in said.items() if value}
+    return state | {key: value for key, value in said.items() if value}
 
 
 def _found(document: dict[str, Any], results: "xr.Dataset") -> list[dict[str, Any]]:
@@ -396,16 +396,18 @@ def misses(measured: Sequence[dict[str, Any]]) -> list[str]:
         for what, unit in _UNITS.items():
             for at, value, verdict in zip(one["frequency_hz"], one[what], one[f"{what}_verdict"], strict=True):
                 if verdict is not None and verdict.misses:
-                    hoped = span(verdict.low, verdict.high, unit) if verdict.low is not None else ""
-                    hoped = hoped or number(verdict.predicted, 3, unit)
+                    predicted = span(verdict.low, verdict.high, unit) if verdict.low is not None else ""
+                    predicted = predicted or number(verdict.predicted, 3, unit)
                     name = {"gain": "gain", "phase": "lag"}[what]
-                    place = f"{one['pretension_mm']:g} mm, {at:g} Hz"
-                    said = f"{place}: {name} {shown_interval(value, unit)}, predicted {hoped}: {verdict.sentence}"
+                    group_key = f"{one['pretension_mm']:g} mm, {at:g} Hz"
+                    said = (
+                        f"{group_key}: {name} {shown_interval(value, unit)}, predicted {predicted}: {verdict.sentence}"
+                    )
                     found.append((abs(verdict.off) / verdict.half if verdict.half else math.inf, typeset(said)))
     return [said for _, said in sorted(found, key=lambda row: -row[0])]
 
 
-def tally(measured: Sequence[dict[str, Any]]) -> str:
+def count_misses(measured: Sequence[dict[str, Any]]) -> str:
     """Return how many points miss, in one sentence; empty where none could be judged."""
     verdicts = [v for one in measured for what in _UNITS for v in one[f"{what}_verdict"] if v is not None]
     count = sum(verdict.misses for verdict in verdicts)
@@ -534,16 +536,16 @@ class LiveResults:
     def _analysed(self, index: int, part: "Stretch", rig: "RigSpec") -> _Group:
         from sinew.bench.record.conversion import recording_from_journal
 
-        place = part.kind, part.asked.pretension_mm, part.asked.frequency_hz, part.asked.repeat
+        group_key = part.kind, part.planned.pretension_mm, part.planned.frequency_hz, part.planned.repeat
         analyse = {"steady": _steady, "ring-down": _decay}.get(part.kind)
         if analyse is None:
-            return _Group(*place, {})
+            return _Group(*group_key, {})
         try:
             numbers = analyse(recording_from_journal(self.path, {index}), rig)
         except SinewError as trouble:
-            return _Group(*place, {}, str(trouble))
+            return _Group(*group_key, {}, str(trouble))
         lacks = f"group {index + 1} could not be analysed: it has holes, or lacks whole periods"
-        return _Group(*place, numbers, "" if numbers else lacks)
+        return _Group(*group_key, numbers, "" if numbers else lacks)
 
     def _known(self, kind: str) -> list[_Group]:
         """Return the groups of a kind that say something, in increasing order."""
@@ -586,9 +588,9 @@ def _decay(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
 
     results = analyse_ring_downs(recording, rig.inertia.head.value + rig.inertia.lever.value)
     damping = results["damping_ratio"].values
-    place = np.argwhere(np.isfinite(damping))  # of a repeat that is not the first, those before are empty
+    group_key = np.argwhere(np.isfinite(damping))  # of a repeat that is not the first, those before are empty
     names = (*_DECAY, *_DECAY.values())
-    return {name: float(results[name].values[tuple(place[0])]) for name in names} if place.size else {}
+    return {name: float(results[name].values[tuple(group_key[0])]) for name in names} if group_key.size else {}
 
 
 def _table(groups: list[_Group]) -> "dict[str, NDArray[Any]]":

@@ -1,4 +1,4 @@
-"""The runs in a folder: what each was and found, and how they differ; the shelf of rigs and plans beside them."""
+"""The runs in a folder: what each was and found, and how they differ; the library of rigs and plans beside them."""
 
 import json
 import os
@@ -27,7 +27,7 @@ from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import Shelf, list_shipped, parse_plan, parse_rig, read_spec
+from sinew.plan.toml import Library, list_shipped, parse_plan, parse_rig, read_spec
 
 _LOOKED_AT = (JOURNAL, f"{JOURNAL}-wal", RECORDING, RESULTS)
 _READING_S = 2.0  # for so long a run's live curves wait behind a look; what is not read then is read by the next
@@ -87,8 +87,8 @@ def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str
         if name not in known or first not in known or name == first:
             continue
         found = differences(known[first], known[name], list(QUANTITIES))
-        told = by_chance(found) if found else "no quantity was found in both at the same pretension."
-        sentences.append(f"{name} against {first}: {told}")
+        comparison = by_chance(found) if found else "no quantity was found in both at the same pretension."
+        sentences.append(f"{name} against {first}: {comparison}")
         rows += [
             {
                 "run": name,
@@ -218,7 +218,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}\.toml")
 _MOST_BYTES = 1_000_000
 
 
-def shelf(runs: Path | str | None = None) -> dict[str, list[dict[str, Any]]]:
+def library(runs: Path | str | None = None) -> dict[str, list[dict[str, Any]]]:
     """Return `{"rigs", "plans"}`, each a list of `{"name", "shipped", "about", "ok"}`.
 
     runs: folder whose folders `rigs` and `plans` hold the lab's own files; their names end in .toml.
@@ -227,35 +227,35 @@ def shelf(runs: Path | str | None = None) -> dict[str, list[dict[str, Any]]]:
     return {"rigs": _listed("rigs", runs), "plans": _listed("plans", runs)}
 
 
-def read_shelf(kind: str, name: str, runs: Path | str | None = None) -> str:
+def read_library(kind: str, name: str, runs: Path | str | None = None) -> str:
     """Return the TOML text of a listed rig or plan. kind: rigs or plans. Raises SpecError where there is none."""
     if kind not in SHELVES:
-        raise SpecError(f"found a shelf {kind!r}, expected rigs or plans")
+        raise SpecError(f"found a library {kind!r}, expected rigs or plans")
     if _NAME.fullmatch(name):
         path = None if runs is None else Path(runs) / kind / name
         try:
             if path is not None and runs is not None:
                 with held_inside(Path(runs), path) as held:
                     if held.stat().st_size <= _MOST_BYTES:
-                        return read_spec(cast(Shelf, kind), held)
+                        return read_spec(cast(Library, kind), held)
         except (FileError, OSError):
             pass
         raise SpecError(f"there is no {name} among the {kind} of the runs' folder")
-    if name not in list_shipped(cast(Shelf, kind)):
+    if name not in list_shipped(cast(Library, kind)):
         raise SpecError(f"there is no {kind.removesuffix('s')} {name!r}; choose one that is listed")
-    return read_spec(cast(Shelf, kind), f"{kind}/{name}.toml")
+    return read_spec(cast(Library, kind), f"{kind}/{name}.toml")
 
 
-def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool = False) -> str:
+def put_in_library(runs: Path, kind: str, name: str, text: str, *, replace: bool = False) -> str:
     """Write a rig or a plan among the lab's own, whole or not at all, and return a sentence.
 
     kind: rigs or plans. name: of its file, with or without .toml. replace: whether it may take the place of another.
     What the text says is not looked at: a plan that is half written is kept, and listed as such.
-    Raises RefusedError: 422 for a name or kind that is none, 409 where there is one or the shelf is not writable.
+    Raises RefusedError: 422 for a name or kind that is none, 409 where there is one or the library is not writable.
     """
     file = name if name.endswith(".toml") else f"{name}.toml"
     if kind not in SHELVES:
-        raise RefusedError(422, f"found a shelf {kind[:40]!r}, expected rigs or plans")
+        raise RefusedError(422, f"found a library {kind[:40]!r}, expected rigs or plans")
     if not _NAME.fullmatch(file):
         raise RefusedError(
             422,
@@ -283,20 +283,20 @@ def put_on_shelf(runs: Path, kind: str, name: str, text: str, *, replace: bool =
         raise RefusedError(409, f"cannot write among the {kind}: {error.strerror}; see {folder}") from error
     finally:
         made.unlink(missing_ok=True)
-    return f"{file} is on the shelf of {kind}"
+    return f"{file} is in the library of {kind}"
 
 
-def _listed(kind: Shelf, runs: Path | str | None) -> list[dict[str, Any]]:
+def _listed(kind: Library, runs: Path | str | None) -> list[dict[str, Any]]:
     folder = None if runs is None else Path(runs) / kind
     own = [] if folder is None or not folder.is_dir() else sorted(path.name for path in folder.glob("*.toml"))
     names = [*((name, True) for name in list_shipped(kind)), *((name, False) for name in own if _NAME.fullmatch(name))]
     return [_row(kind, name, runs, shipped) for name, shipped in names]
 
 
-def _row(kind: Shelf, name: str, runs: Path | str | None, shipped: bool) -> dict[str, Any]:
+def _row(kind: Library, name: str, runs: Path | str | None, shipped: bool) -> dict[str, Any]:
     row = {"name": name, "shipped": shipped}
     try:
-        text = read_shelf(kind, name, runs)
+        text = read_library(kind, name, runs)
         about = _rig_in_words(parse_rig(text)) if kind == "rigs" else _plan_in_words(parse_plan(text))
     except SinewError as trouble:
         return {**row, "about": str(trouble), "ok": False}

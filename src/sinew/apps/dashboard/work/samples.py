@@ -185,8 +185,10 @@ class _BentHead:
         """Return pitch, roll, tilt away from the pose in its plane and out of it [deg], shortening [mm]: (5, n)."""
         axes = [rows[f"gyro_{a}_rad_s"] for a in "xyz"] + [rows[f"acceleration_{a}_m_s2"] for a in "xyz"]
         tilt = np.empty((torsion.size, 2))
-        for i, (now, *told) in enumerate(zip(rows["imu_time_s"].tolist(), *map(np.ndarray.tolist, axes), strict=True)):
-            known = math.isfinite(self._tilt.update(tuple(told[:3]), tuple(told[3:]), now))
+        for i, (now, *axes_now) in enumerate(
+            zip(rows["imu_time_s"].tolist(), *map(np.ndarray.tolist, axes), strict=True)
+        ):
+            known = math.isfinite(self._tilt.update(tuple(axes_now[:3]), tuple(axes_now[3:]), now))
             tilt[i] = self._tilt.components if known else math.nan
         cos, sin = np.cos(torsion), np.sin(torsion)
         pitch, roll = cos * tilt[:, 0] - sin * tilt[:, 1], sin * tilt[:, 0] + cos * tilt[:, 1]
@@ -472,7 +474,7 @@ def _labelled(journal: JournalReader, spans: list[Span]) -> Iterator[dict[str, A
     for one in journal.stretches():
         span = next((span for span in spans if span.first <= one.first < span.end), None)
         if span is not None:
-            numbers = ((one.asked.pretension_mm, "mm"), (one.asked.frequency_hz, "Hz"))
+            numbers = ((one.planned.pretension_mm, "mm"), (one.planned.frequency_hz, "Hz"))
             words = [_WORDS.get(one.kind, one.kind), *(f"{x:g} {unit}" for x, unit in numbers if x == x)]
             at = journal.clock(one.first) - span.clock_s + span.begin_s
             yield {"label": ", ".join(words), "from_s": round(at, 4)}

@@ -53,7 +53,7 @@ _LARGEST = 50.0
 
 
 @dataclass(frozen=True)
-class Course:
+class AmplitudeHistory:
     """A fit of Σ Re[exp(S_m)] (the first with its harmonics) and a rest position to the samples of one decay.
 
     model: see `FreeOscillation`; time is counted in units of the window from start_s to stop_s.
@@ -112,8 +112,8 @@ class Course:
 
     def at(self, time_s: Array, mode: int = 0) -> Complexes:
         """Return S of a mode at times, shape (n,)."""
-        place = self.model.mode(mode)
-        c = self.parameters[place]
+        position = self.model.mode(mode)
+        c = self.parameters[position]
         functions = smooth_functions((time_s - self.start_s) / (self.stop_s - self.start_s), c.size // 2)
         return np.asarray(functions @ (c[0::2] + 1j * c[1::2]), dtype=complex)
 
@@ -127,8 +127,8 @@ class Course:
         Means weighted by the amplitude A, half the swing from crest to crest, its own third harmonic included:
         ⟨λ⟩ = -∫ dA / ∫ A dt, ⟨ω⟩ = ∫ ω A dt / ∫ A dt. Of an exponential they are its rate and frequency.
         """
-        place, window = self.model.mode(mode), self.stop_s - self.start_s
-        c = self.parameters[place]
+        position, window = self.model.mode(mode), self.stop_s - self.start_s
+        c = self.parameters[position]
         functions, slopes = _between(low, high, c.size // 2)
         size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
         third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
@@ -141,7 +141,7 @@ class Course:
         means = np.array([float(half_swing[0] - half_swing[-1]), float(weight @ (half_swing * omega))]) / area
         gradient = np.zeros((2, self.parameters.size))
         ends = by_log[0] * functions[0] - by_log[-1] * functions[-1]
-        real, imaginary = gradient[:, place][:, 0::2], gradient[:, place][:, 1::2]
+        real, imaginary = gradient[:, position][:, 0::2], gradient[:, position][:, 1::2]
         real[0] = (ends - means[0] * ((weight * by_log) @ functions)) / area
         real[1] = ((weight * by_log * (omega - means[1])) @ functions) / area
         imaginary[1] = ((weight * half_swing) @ slopes) / area
@@ -165,7 +165,7 @@ def _evenly(count: int) -> Array:
     return smooth_functions(np.linspace(0.0, 1.0, _SEEDS), count)
 
 
-def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> Course:
+def exponential_history(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> AmplitudeHistory:
     """Return the course of one exponential, started from a plain or bent fit, with further modes beside it.
 
     t, x: shape (n,), samples of the window. further: (pole [1/s], amplitude at its begin) each.
@@ -177,7 +177,7 @@ def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None 
     return _of_modes(t, x, [(complex(-rate, omega), amplitude), *(further or [])], fit.relaxing)
 
 
-def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> Course:
+def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> AmplitudeHistory:
     window = float(t[-1] - t[0])
     s = (t - t[0]) / window
     model = FreeOscillation(s, (polynomials(s, 2),) * len(poles), polynomials(s, 2), relaxing)
@@ -191,10 +191,12 @@ def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> Course:
     return _solved(model, t, x, scale, with_rest(model, start, x / scale))
 
 
-def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, start: Array) -> Course:
+def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, start: Array) -> AmplitudeHistory:
     """Return the least-squares fit from a start."""
     found = least_squares(model.linearise, x / scale, start)
-    return Course(model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale)
+    return AmplitudeHistory(
+        model, float(t[0]), float(t[-1]), scale, found.parameters, found.jacobian, -found.deviation * scale
+    )
 
 
 def _nearest(model: FreeOscillation, y: Array, starts: list[Array]) -> Array:
@@ -203,7 +205,9 @@ def _nearest(model: FreeOscillation, y: Array, starts: list[Array]) -> Array:
     return min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
 
 
-def _bettered(plain: Course, model: FreeOscillation, t: Array, x: Array, start: Array) -> Course | None:
+def _bettered(
+    plain: AmplitudeHistory, model: FreeOscillation, t: Array, x: Array, start: Array
+) -> AmplitudeHistory | None:
     """Return the fit of a richer model from a start where it is clearly better than a course of the same samples, else
     None.
 
@@ -242,18 +246,18 @@ def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array 
     return np.asarray(np.sqrt(fitted / fitted.mean()), dtype=float)
 
 
-def louder_line(course: Course, omega: float) -> float:
+def louder_line(history: AmplitudeHistory, omega: float) -> float:
     """Return how many times more power the residual has around a frequency [rad/s] than its noise explains, 1 or more.
 
     The noise is a short autoregression, which sees no narrow line; the band is from 0.5 to 2 of the frequency. What is
     within two and a half standard deviations of an average over so many lines is noise.
     """
-    residual, n, spectrum = course.residual / course.scale, course.residual.size, course.spectrum
+    residual, n, spectrum = history.residual / history.scale, history.residual.size, history.spectrum
     power = np.abs(np.fft.rfft(residual, 2 * (spectrum.size - 1))) ** 2 / n
     cycles = np.arange(spectrum.size) * (n - 1) / (spectrum.size - 1) / 2.0  # in the window
-    middle = omega * (course.stop_s - course.start_s) / (2.0 * math.pi)
+    middle = omega * (history.stop_s - history.start_s) / (2.0 * math.pi)
     band = (cycles > 0.5 * middle) & (cycles < 2.0 * middle)
-    lines = 1.5 * middle - 2.0 * course.functions
+    lines = 1.5 * middle - 2.0 * history.functions
     expected = float(spectrum[band].mean()) if band.any() else 0.0
     if lines < _FEWEST_LINES or expected <= 0:
         return 1.0
@@ -261,9 +265,9 @@ def louder_line(course: Course, omega: float) -> float:
     return ratio if ratio > 1.0 + _LOUDER / math.sqrt(lines) else 1.0
 
 
-def smooth_course(
+def smooth_history(
     t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height: Array, functions: int | None = None
-) -> Course:
+) -> AmplitudeHistory:
     """Return the course whose size and phase change as the samples ask for.
 
     t, x: shape (n,); fit: a plain or bent fit to them, to start from; peak_time_s, height: shape (h,), alternating
@@ -284,11 +288,11 @@ def smooth_course(
     def modelled(count: int, harmonics: bool) -> FreeOscillation:
         return FreeOscillation(s, (basis(count),), polynomials(s, 2), fit.relaxing, harmonics)
 
-    def grown(before: Course, count: int, harmonics: bool) -> Course | None:
+    def grown(before: AmplitudeHistory, count: int, harmonics: bool) -> AmplitudeHistory | None:
         model = modelled(count, harmonics)
         start = _started(model, _evenly(count), _seed_of(before))
-        kept = before.model.rest_start - 5 * (harmonics and before.model.harmonics)
-        start[model.rest_start - before.model.rest_start + kept :] = before.parameters[kept:]
+        retained = before.model.rest_start - 5 * (harmonics and before.model.harmonics)
+        start[model.rest_start - before.model.rest_start + retained :] = before.parameters[retained:]
         return _bettered(before, model, t, x, start)
 
     model = modelled(3, False)
@@ -307,8 +311,8 @@ def smooth_course(
     return best
 
 
-def _seed_of(course: Course) -> Complexes:
-    c = course.parameters[course.model.mode(0)]
+def _seed_of(history: AmplitudeHistory) -> Complexes:
+    c = history.parameters[history.model.mode(0)]
     return np.asarray(_evenly(c.size // 2) @ (c[0::2] + 1j * c[1::2]))
 
 
@@ -331,7 +335,7 @@ def _started(model: FreeOscillation, functions: Array, exponent: Complexes) -> A
     return start
 
 
-def clearly_better(plain: Course, rich: Course, by: float) -> bool:
+def clearly_better(plain: AmplitudeHistory, rich: AmplitudeHistory, by: float) -> bool:
     """Return whether Akaike's criterion falls by so much from one fit to a richer one of the same samples."""
     if not rich.left_over > 0 or not np.isfinite(rich.parameters).all():
         return False
@@ -345,14 +349,14 @@ def clearly_better(plain: Course, rich: Course, by: float) -> bool:
     return enough or rich.effective * ratio > price
 
 
-def close_modes(t: Array, x: Array, single: Course) -> Course | None:
+def close_modes(t: Array, x: Array, single: AmplitudeHistory) -> AmplitudeHistory | None:
     """Return two modes near one another where they explain the samples better than one whose course is smooth.
 
     t, x: shape (n,), even or nearly; single: of the same samples. They must be further apart than their decay rates
     add up to, and beat once at least in the window: closer ones cannot be told from a bent course.
     """
     window = float(t[-1] - t[0])
-    best: Course | None = None
+    best: AmplitudeHistory | None = None
     even = np.linspace(t[0], t[-1], t.size)
     half = math.pi / max(float(single.poles()[0][1]), 1e-300)
     at, values = block_means(even, np.interp(even, t, x), _SPARSER * half)
@@ -368,74 +372,74 @@ def close_modes(t: Array, x: Array, single: Course) -> Course | None:
     return best if best is not None and clearly_better(single, best, _MODE_BETTER) else None
 
 
-def with_further_modes(t: Array, x: Array, course: Course) -> Course:
+def with_further_modes(t: Array, x: Array, history: AmplitudeHistory) -> AmplitudeHistory:
     """Return the course with the further modes that its residual holds, one at a time.
 
     A further mode is far from the others and their multiples, decays, and lowers Akaike's criterion by twenty.
     """
-    while len(course.model.bases) < _MOST_MODES:
-        grown = _with_one_more(t, x, course)
+    while len(history.model.bases) < _MOST_MODES:
+        grown = _with_one_more(t, x, history)
         if grown is None:
             break
-        course = grown
-    return course
+        history = grown
+    return history
 
 
-def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
-    window, n, largest = float(t[-1] - t[0]), t.size, math.sqrt(course.energy(0))
-    if n < 3 * (course.parameters.size + 4) or float(np.std(course.residual)) < _OF_SMALLEST * _SMALLEST * largest:
+def _with_one_more(t: Array, x: Array, history: AmplitudeHistory) -> AmplitudeHistory | None:
+    window, n, largest = float(t[-1] - t[0]), t.size, math.sqrt(history.energy(0))
+    if n < 3 * (history.parameters.size + 4) or float(np.std(history.residual)) < _OF_SMALLEST * _SMALLEST * largest:
         return None
-    left = _without_overtones(course)
+    left = _without_overtones(history)
     if float(np.std(left)) < _OF_SMALLEST * _SMALLEST * largest:
         return None
     residual = np.interp(np.linspace(t[0], t[-1], n), t, left)[:_PENCIL_SAMPLES]
     power = np.abs(np.fft.rfft(residual)) ** 2
     if not power.max() > _OUTSTANDING * float(np.median(power)):
         return None
-    known = [course.poles(mode=m)[0] for m in range(len(course.model.bases))]
+    known = [history.poles(mode=m)[0] for m in range(len(history.model.bases))]
     tried: list[complex] = []
     for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
         for pole, amplitude in poles[:2]:
-            new = all(_is_new(pole, other, window, course.functions > 2) for other in known)
+            new = all(_is_new(pole, other, window, history.functions > 2) for other in known)
             if not (new and _swings(pole, window) and all(_are_apart(pole, other, window) for other in tried)):
                 continue
-            added = _extended(course, t, x, pole, amplitude)
+            added = _extended(history, t, x, pole, amplitude)
             last = len(added.model.bases) - 1
             rate, omega = added.poles(mode=last)[0]
             found = complex(-rate, omega)
             tried += [pole, found] if _swings(found, window) else [pole]
-            if not all(_is_new(found, other, window, course.functions > 2) for other in known):
+            if not all(_is_new(found, other, window, history.functions > 2) for other in known):
                 continue
             large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
-            if large and clearly_better(course, added, _MODE_BETTER) and _are_sure(added):
+            if large and clearly_better(history, added, _MODE_BETTER) and _are_sure(added):
                 return added
     return None
 
 
-def _without_overtones(course: Course) -> Array:
+def _without_overtones(history: AmplitudeHistory) -> Array:
     """Return what of the residual, shape (n,), is no multiple of the first mode's phase that shrinks as it does."""
-    exponent = course.model.exponent(course.parameters)
+    exponent = history.model.exponent(history.parameters)
     waves = [np.exp(exponent.real + 1j * multiple * exponent.imag) for multiple in _MULTIPLES]
     columns = np.stack([part for wave in waves for part in (wave.real, wave.imag)], axis=1)
-    basis = orthonormal(unit_columns(np.concatenate([course.jacobian, columns], axis=1))[0])
-    return np.asarray(course.residual - basis @ (basis.T @ course.residual))
+    basis = orthonormal(unit_columns(np.concatenate([history.jacobian, columns], axis=1))[0])
+    return np.asarray(history.residual - basis @ (basis.T @ history.residual))
 
 
-def _extended(course: Course, t: Array, x: Array, pole: complex, amplitude: complex) -> Course:
-    window, old = course.stop_s - course.start_s, course.model
+def _extended(history: AmplitudeHistory, t: Array, x: Array, pole: complex, amplitude: complex) -> AmplitudeHistory:
+    window, old = history.stop_s - history.start_s, history.model
     s = (t - t[0]) / window
     model = replace(old, s=s, bases=(*old.bases, polynomials(s, 2)))
     here = old.mode(len(old.bases) - 1).stop
     c = np.array(
         [
-            math.log(max(abs(amplitude) / course.scale, 1e-12)),
+            math.log(max(abs(amplitude) / history.scale, 1e-12)),
             float(np.angle(amplitude)),
             pole.real * window,
             pole.imag * window,
         ]
     )
-    start = np.concatenate([course.parameters[:here], c, course.parameters[here:]])
-    return _solved(model, t, x, course.scale, with_rest(model, start, x / course.scale))
+    start = np.concatenate([history.parameters[:here], c, history.parameters[here:]])
+    return _solved(model, t, x, history.scale, with_rest(model, start, x / history.scale))
 
 
 def _swings(pole: complex, window: float) -> bool:
@@ -456,26 +460,26 @@ def _is_new(pole: complex, other: Array, window: float, smooth: bool) -> bool:
     return not near and not own and _are_apart(pole, complex(-rate, omega), window)
 
 
-def _are_sure(course: Course) -> bool:
+def _are_sure(history: AmplitudeHistory) -> bool:
     """Return whether every mode but the first decays, swings, and has an amplitude that stands out of its deviation."""
-    model, p = course.model, course.parameters
+    model, p = history.model, history.parameters
     for m in range(len(model.bases)):
-        place = model.mode(m)
-        log_std = math.sqrt(max(float(course.covariance[place.start, place.start]), 0.0))
-        if m and not (log_std < 1.0 / _SURE and p[place.start + 2] < 0 and p[place.start + 3] > 2.0 * math.pi):
+        position = model.mode(m)
+        log_std = math.sqrt(max(float(history.covariance[position.start, position.start]), 0.0))
+        if m and not (log_std < 1.0 / _SURE and p[position.start + 2] < 0 and p[position.start + 3] > 2.0 * math.pi):
             return False
     return True
 
 
-def differing_halves(course: Course, middle_s: float, end_s: float) -> tuple[Array, Array]:
+def differing_halves(history: AmplitudeHistory, middle_s: float, end_s: float) -> tuple[Array, Array]:
     """Return (late less early means of (λ, ω), their standard deviations), shape (2,) each.
 
     middle_s: where the early half of the decay ends [s]; end_s: where its late half does.
     """
-    window = course.stop_s - course.start_s
-    middle, end = ((time - course.start_s) / window for time in (middle_s, end_s))
-    early, by_early = course.poles(0.0, middle)
-    late, by_late = course.poles(middle, min(end, 1.0))
+    window = history.stop_s - history.start_s
+    middle, end = ((time - history.start_s) / window for time in (middle_s, end_s))
+    early, by_early = history.poles(0.0, middle)
+    late, by_late = history.poles(middle, min(end, 1.0))
     gradient = by_late - by_early
-    variance = np.einsum("ij,jk,ik->i", gradient, course.grown, gradient)
+    variance = np.einsum("ij,jk,ik->i", gradient, history.grown, gradient)
     return late - early, np.sqrt(np.maximum(variance, 0.0))
