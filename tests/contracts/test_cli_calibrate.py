@@ -69,7 +69,7 @@ NAMES = ("--free", ",".join(FOUND))
 def test_the_document_has_the_keys_of_the_reference(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
     assert set(document) == {
-        "rig", "name", "before", "recordings", "parameters", "kept", "rmse", "converged", "remarks"
+        "rig", "name", "before", "recordings", "parameters", "undetermined", "rmse", "converged", "remarks"
     }  # fmt: skip
     assert document["parameters"][TENSION] == {
         "unit": "N",
@@ -77,7 +77,7 @@ def test_the_document_has_the_keys_of_the_reference(bench: Path, capsys: pytest.
         "after": {"value": 10.5, "std": 0.4, "interval90": [9.8, 11.2]},
     }
     assert document["parameters"]["tendons.base_radius"]["after"]["interval90"] == [None, None]
-    assert document["kept"] == ["tendons.presliding_angle"]
+    assert document["undetermined"] == ["tendons.presliding_angle"]
 
 
 def test_the_rig_that_is_written_begins_with_the_command_and_reads_back_with_origin_interval_and_source(
