@@ -71,9 +71,9 @@ for line in ("run short --port COM3 --out x", "emulate --link x", "stop --port C
     print("command", line.split()[0], file=sys.stderr)
     assert main(line.split()) == 2
 import sinew.apps.recordings.identify, sinew.apps.recordings.reproduce, sinew.apps.recordings.simulate
-import sinew.identify.identified, sinew.predict.predicted, sinew.predict.expected_response, sinew.bench.preflight
+import sinew.identify.identified, sinew.predict.predicted, sinew.predict.preview, sinew.bench.preflight
 import sinew.paper.report, sinew.twin.simulate, sinew.paper.questions
-import sinew.identify.identified, sinew.predict.predicted, sinew.predict.expected_response, sinew.bench.preflight
+import sinew.identify.identified, sinew.predict.predicted, sinew.predict.preview, sinew.bench.preflight
 import sinew.paper.report, sinew.twin.simulate, sinew.paper.questions
 """,
         tmp_path,

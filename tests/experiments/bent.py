@@ -26,7 +26,7 @@ from sinew.measure.events import Event, Pretensioned
 from sinew.plan.check import refuse_beyond_limits
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.predict.expected_response import held_preview
+from sinew.predict.preview import held_preview
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import rest_tension, simulate
 

@@ -10,7 +10,7 @@ from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.expected_response import held_preview
+from sinew.predict.preview import held_preview
 
 RIG = load_rig("paper")
 PLAN = shortened(load_plan("bent"), (3.4, 4.2), 6.0)

@@ -13,7 +13,7 @@ from sinew.analysis.analysed import analyse_recording
 from sinew.bench.group import Moving
 from sinew.plan.plan import Group, Plan, Pose, Pretension, Sweep
 from sinew.plan.toml import load_rig
-from sinew.predict.expected_response import held_preview
+from sinew.predict.preview import held_preview
 
 RIG = load_rig("paper")
 RADIUS = RIG.tendons.pulley_radius.value

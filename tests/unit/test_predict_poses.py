@@ -13,8 +13,8 @@ from sinew.mechanics.rod import column_load
 from sinew.plan.plan import Pose
 from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.design import Design, design_rig, section_of, shear_modulus_of
-from sinew.predict.expected_response import preview_plan
 from sinew.predict.pose import PoseRequest, find_pose, surface_strain
+from sinew.predict.preview import preview_plan
 from sinew.predict.section import ellipse_section
 from sinew.predict.workspace import VERDICTS, map_workspace
 from sinew.twin.parameters import space_from_rig

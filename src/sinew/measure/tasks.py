@@ -328,7 +328,7 @@ def _gathered(client: "Client", function: Callable[[T], R], waiting: Mapping[int
             raise (future.exception() if future.status == "error" else None) or _LostError
 
 
-# ---- what is retained: results by the key of their task, in a file; each is there whole or not at all
+# ---- finished results that are kept, by the key of their task, in a file; each is there whole or not at all
 
 
 @contextmanager

@@ -225,7 +225,7 @@ class Score(Result):
 
 @dataclass(frozen=True, repr=False)
 class Met(Result):
-    """One number at one index: measured, predicted, and the error, whose interval is that of the measurement; relative,
+    """One number at one place: measured, predicted, and the error, whose interval is that of the measurement; relative,
     predicted over measured less one, or of an angle the difference."""
 
     measured: Annotated[Estimate, Field("measured")]

@@ -109,11 +109,11 @@ def _needs(plan: "Plan", spec: "RigSpec") -> Needs:
     """
     from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.expected_response import foresee_plan, held_preview
+    from sinew.predict.preview import expected_of_plan, held_preview
 
     held, expected = None, ""
     if not plan.is_spatial:
-        preview, expected = foresee_plan(plan, spec)
+        preview, expected = expected_of_plan(plan, spec)
         refuse_beyond_limits(preview)
     else:
         preview, rests = held_preview(plan, spec)

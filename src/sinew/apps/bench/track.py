@@ -299,7 +299,7 @@ def _refuse_beyond_limits(
             )
 
 
-# What tracking found is backbones: points of the backbone, how well the phase was held, how well followed.
+# What tracking found is printed: points of the backbone, how well the phase was held, how well followed.
 
 
 def found_tracks(

@@ -92,7 +92,7 @@ def _run_campaign(plans: "list[Plan]", rig: "RigSpec", seed: int, out: Path, reb
     from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.measure.tasks import cores, process_pool
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.expected_response import preview_plan
+    from sinew.predict.preview import preview_plan
     from sinew.solve.programs import use_all_cores
     from sinew.twin.simulate import simulate
 

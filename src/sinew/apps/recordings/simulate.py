@@ -31,7 +31,7 @@ def simulate(
     from sinew.measure.files.netcdf import save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.expected_response import preview_plan
+    from sinew.predict.preview import preview_plan
     from sinew.solve.programs import use_all_cores
     from sinew.twin.parameters import Effects
     from sinew.twin.simulate import simulate as run
@@ -74,7 +74,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.expected_response import preview_document, preview_plan
+    from sinew.predict.preview import preview_document, preview_plan
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)

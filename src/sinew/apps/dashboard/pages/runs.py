@@ -331,25 +331,25 @@ async def _open(site: Site, names: list[str]) -> None:
 
 
 async def _draw_expected(
-    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], index: ui.element
+    site: Site, name: str, results: dict[str, Any], charts: dict[str, Curves], element: ui.element
 ) -> None:
     """Draw what was to be expected of a run behind what it measured, and say what misses it."""
-    with index, card("Measured against predicted", 12):
+    with element, card("Measured against predicted", 12):
         ui.label("The prediction is being computed …").props("role=status").classes("sinew-soft")
     try:
         found = await site.work.call("prediction_of_run", str(site.runs / name))
     except SinewError:
         found = {"curves": []}  # a recording from elsewhere: nobody knows its rig and plan
-    if index.is_deleted:
+    if element.is_deleted:
         return
-    index.clear()
+    element.clear()
     if not found["curves"]:
         return
     predicted = numbered(found["curves"], found["plan"])
     measured = judged(predicted, numbered(results["curves"], found["plan"]))
     for chart in charts.values():
         chart.show(predicted, measured)
-    with index, card("Measured against predicted", 12):
+    with element, card("Measured against predicted", 12):
         ui.label(count_misses(measured)).classes("text-bold").props("data-verdict")
         for sentence in misses(measured):
             ui.label(sentence)
@@ -358,8 +358,8 @@ async def _draw_expected(
 
 def _headlines(found: list[tuple[str, dict[str, Any]]], about: dict[str, dict[str, Any]]) -> None:
     """Say of each run what it is and the numbers that one came for; the other resonances are in the table below."""
-    with card("Resonance and damping", 12) as index:
-        index.props("data-headline")
+    with card("Resonance and damping", 12) as panel:
+        panel.props("data-headline")
         for name, results in found:
             rows, parts = results.get("parameters", []), []
             for one in ("resonance_hz", "damping_ratio"):

@@ -241,12 +241,12 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     from sinew.bench.preflight import wire_times
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
-    from sinew.predict.expected_response import foresee_plan, held_preview, preview_document, preview_plan
+    from sinew.predict.preview import expected_of_plan, held_preview, preview_document, preview_plan
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     require_motors(plan, "the bench")
     if swing and not plan.is_spatial:
-        preview = foresee_plan(plan, rig)[0]
+        preview = expected_of_plan(plan, rig)[0]
     else:
         preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]

@@ -34,7 +34,7 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
     if not plan.rest_pose.is_straight or (plan.is_spatial and plan.impulse is None and rig.space is not None):
         return held_preview(plan, rig, slack="warn")[0]
     if swing and not plan.is_spatial:
-        return foresee_plan(plan, rig)[0]
+        return expected_of_plan(plan, rig)[0]
     return check_plan(plan, rig, rest_tension(plan.pretension.pretension_mm, rig).tolist())
 
 
@@ -72,7 +72,7 @@ def held_preview(
     return replace(preview, tension_n=tension, findings=(*preview.findings, *found)), rests
 
 
-def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
+def expected_of_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     """Return the check of a plan with the twin's tensions and torsions, and what its recording is expected to say.
 
     The latter is the text of a recording's attribute `expected` (`sinew.analysis.doubts`), empty where the plan is
