@@ -250,11 +250,11 @@ class Imu:
         values = self._unpack(reply.data)
         if reply.rivals and not math.isnan(answered):
             every = map(self._unpack, (reply.data, *reply.rivals))
-            node_report = [one for one in every if self.track.could_be(one[7], answered)]
-            if len(node_report) > 1:
+            possible = [one for one in every if self.track.could_be(one[7], answered)]
+            if len(possible) > 1:
                 self.objection = "two answers come under its id, and differ"
                 return None
-            values = (node_report or [values])[0]
+            values = (possible or [values])[0]
         counter, clock = values[6], values[7]
         if math.isnan(answered):
             answered = self.track.host_time(clock)
