@@ -214,3 +214,10 @@ def test_after_a_run_was_killed_the_bench_is_brought_to_rest(
     assert (told.status, told.err) == (0, "")
     assert (truth["in_safe_state"], truth["stopped"]) == (True, True)
     assert {motor["torque"] for motor in truth["motors"]} == {state == "hold"}
+
+
+@pytest.mark.parametrize("state", ["hold", "release"])
+def test_twice_is_as_good_as_once(state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
+    in_motion(port)
+    first, second = (stop(capsys, "--state", state) for _ in range(2))
+    assert (first, port.rig.in_safe_state()) == (second, True)

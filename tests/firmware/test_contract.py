@@ -1,5 +1,7 @@
 """What an IMU node answers, whoever it is: Sinew's emulator, the firmware on this computer, the firmware in QEMU."""
 
+import random
+
 import pytest
 from tests.firmware.parties import GYRO_COUNTS, NODE, AnyNode, QemuNode, fast, get, statuses
 
@@ -299,3 +301,10 @@ def test_a_sample_is_never_older_than_two_periods(node: AnyNode) -> None:
 def test_the_chip_and_its_delay_are_told(node: AnyNode) -> None:
     assert get(node, "filter_delay") == FILTER_DELAYS_US[get(node, "who_am_i")]
     assert get(node, "hardware_error_status") == 0
+
+
+def test_a_hundred_random_streams_leave_it_answering(node: AnyNode) -> None:
+    chance = random.Random(5)
+    for _ in range(100):
+        node.exchange(chance.randbytes(chance.randrange(1, 40)), answers=False) if node.knows_time else None
+    assert node.exchange(ask.read(NODE, 32, 6)) == ok(GYRO)

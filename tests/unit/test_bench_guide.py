@@ -8,7 +8,7 @@ import pytest
 from tests.experiments.wrong_wirings import Scene, Wrong
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.bench.guide import STEPS, Guide, OpenRig, arrange, look_around
+from sinew.bench.guide import STEPS, Guide, OpenRig, arrange, lead, look_around
 from sinew.bench.guide_moves import LeverMove, Pull, answer_to, moving, pull_current
 from sinew.emulator.bench import EmulatedRig, VirtualPort
 from sinew.hardware.bus import Bus, Clock
@@ -90,6 +90,13 @@ def test_shuffled_ids_are_named_and_taken_as_they_are() -> None:
     well, rig = person.guided(person.spec, DEVICES)
     assert (well, set(rig.wiring.tendon_ids), rig.wiring.drive_id) == (True, set(ids[:4]), ids[4])
     assert f"motor {ids[4]} is the drive" in person.notes()
+
+
+def test_ids_that_were_taken_as_they_are_are_no_labels_when_the_step_is_repeated() -> None:
+    person = Somebody(Wrong({}, ids=dict(enumerate((12, 3, 7, 9, 4)))))
+    guide = Guide(person.open_rig, person, person.spec, lambda _: None, person.check)
+    assert lead(guide, (*DEVICES, *DEVICES))
+    assert not guide.is_labelled
 
 
 def test_a_wrong_baud_is_named_and_put_right() -> None:
@@ -179,6 +186,11 @@ def test_of_two_facing_tendons_that_are_swapped_the_usual_board_tells_which() ->
     there = arrange(degrees(180, 90, 0, 270))
     assert there is not None
     assert (there.order, there.turns) == ((2, 1, 0, 3), 0)
+
+
+def test_of_motors_without_labels_the_fewest_turns_of_the_board_are_believed() -> None:
+    turned = degrees(90, 180, 270, 0)  # the ids in their order on a board turned by a quarter, or all of them misplaced
+    assert [arrange(turned, is_labelled=known).turns for known in (True, False)] == [1, 0]  # type: ignore[union-attr]
 
 
 def test_two_motors_that_pull_in_one_direction_have_no_arrangement() -> None:

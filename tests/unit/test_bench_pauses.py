@@ -147,3 +147,8 @@ def test_a_real_bench_whose_rig_allows_it_goes_on(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(Imu, "is_emulated", lambda _: False)
     done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold", resumes_after_pause=1))
     assert (done.report.is_complete, len(done.report.pauses)) == (True, 1)
+
+
+def test_a_short_pause_ends_nothing(tmp_path: Path) -> None:
+    done = paused_run(tmp_path, [20], seconds=0.03)
+    assert (done.report.is_complete, done.report.pauses) == (True, [])

@@ -323,3 +323,9 @@ def test_the_time_of_a_reading_is_when_the_drives_registers_were_read(stand: Sta
     read_at.clear()
     reading = stand.rigged.read()
     assert reading.time == pytest.approx(read_at[0], abs=20e-6)
+
+
+def test_an_alert_is_told_with_the_reading(stand: Stand) -> None:
+    stand.rig.motors[2].fail()
+    reading = stand.rigged.read()
+    assert [motor.alert for motor in reading.tendons if motor] == [False, True, False, False]

@@ -122,3 +122,10 @@ def test_a_window_beyond_one_turn_ends_where_position_mode_ends(bench: Bench) ->
 
 def test_every_servo_that_a_rig_may_name_has_its_registers() -> None:
     assert {servo.number for servo in SERVOS.values()} == set(MOTORS)
+
+
+def test_a_higher_supply_needs_less_duty_for_the_same_current(bench: Bench) -> None:
+    servo = tendon(bench, supply=14.4)
+    put_into(servo, "position")
+    servo.limit_output(0.65)
+    assert bench.get(1, "goal_pwm") == int(0.5 / 1.2 / 0.00113)

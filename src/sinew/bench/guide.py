@@ -230,8 +230,8 @@ class Guide:
     open_rig: gives the bench. person: who is asked. spec: the rig, as far as it is known. save: keeps it after every
     step. check: raises where the guide is to end, before every cycle of a move. timer: of the port's adapter.
     notes: what was not as the rig had it, and is put right. is_labelled: whether a motor's id says of which tendon
-    people hold it to be. unconfirmed: how a bench was left whose motors did not confirm that they have no torque; empty
-    where they did.
+    people hold it to be. is_turned: whether the board is not mounted as the rig had it. unconfirmed: how a
+    bench was left whose motors did not confirm that they have no torque; empty where they did.
     """
 
     open_rig: OpenRig
@@ -242,6 +242,7 @@ class Guide:
     timer: LatencyTimer | None = None
     notes: list[Finding] = field(default_factory=list)
     is_labelled: bool = True
+    is_turned: bool = False
     unconfirmed: str = ""
 
     def learn(self, subject: str, **wiring: object) -> list[Finding]:
@@ -350,8 +351,9 @@ def _find_devices(guide: Guide) -> list[Finding]:
     motors = {device.id: device for device in seen if device.number in MOTORS}
     swings = next(number for number, device in motors.items() if device.number == drive)
     ids = tuple(sorted(motors.keys() - {swings}))
-    guide.is_labelled = (set(ids), swings) == (set(wiring.tendon_ids), wiring.drive_id)
-    findings += guide.learn("bus", tendon_ids=wiring.tendon_ids if guide.is_labelled else ids, drive_id=swings)
+    known = (set(ids), swings) == (set(wiring.tendon_ids), wiring.drive_id)
+    guide.is_labelled &= known  # ids that an earlier try took as they were are no labels the second time either
+    findings += guide.learn("bus", tendon_ids=wiring.tendon_ids if known else ids, drive_id=swings)
     for device in motors.values():
         if device.baud != wiring.baud:
             give_id(guide.open_rig, guide.spec, device, f"motor {device.id}", device.id, wiring.baud)
@@ -434,7 +436,7 @@ def _find_up(guide: Guide) -> list[Finding]:
     if guide.spec.wiring.imu_axes[0] != up:
         old = guide.spec.wiring.imu_axes
         findings.append(Finding("note", "IMU", f"the chip's {up} points up", old[0], "the tendons will tell the rest"))
-        guide.spec = rewired(guide.spec, imu_axes=frame_from(up))
+        guide.spec, guide.is_turned = rewired(guide.spec, imu_axes=frame_from(up)), True
     with guide.open_rig(guide.spec) as (rig, clock):
         return findings + examine_imu(rig, clock, 1.0)
 
@@ -549,7 +551,9 @@ def _find_tendons(guide: Guide) -> list[Finding]:
     if faults := [_no_pull(rig, index, pull) for index, pull in enumerate(pulls) if not pull.sense]:
         return faults
     directions = [math.atan2(-pull.lean[0], pull.lean[1]) for pull in pulls]
-    there = arrange(directions, is_labelled=guide.is_labelled)
+    # A frame that was only chosen for the chip's axis up says nothing of the turn; then the order of the ids does.
+    is_chosen = guide.is_turned and "imu_axes" not in wiring.measured
+    there = arrange(directions, is_labelled=guide.is_labelled or is_chosen)
     found = f"the head leans towards {', '.join(f'{math.degrees(value):.0f}°' for value in directions)}"
     advice = "two pull in one direction: is every cable through its own guide? then repeat this step"
     require(there is not None, "tendons", found, f"{360 // count}° apart", advice)
