@@ -135,6 +135,25 @@ def test_a_spectrum_is_no_record_over_time(tmp_path: Path, head: str) -> None:
         read(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize(
+    ("stated", "step_s"),
+    [
+        ("Sample Rate (kHz);10", 1e-4),
+        ("Sampling Rate;10;kHz", 1e-4),
+        ("Sample Rate;10 kS/s", 1e-4),
+        ("Sample interval [ms];0.5", 5e-4),
+        ("Sample Rate (furlong);10", None),
+    ],
+)
+def test_a_rate_or_a_step_above_the_table_has_its_unit(tmp_path: Path, stated: str, step_s: float | None) -> None:
+    (tmp_path / "a.csv").write_text("\n".join([stated, "x_mm;y_mm", *rows(SWING, T, sep=";")]))
+    if step_s is None:
+        with pytest.raises(SinewError, match="--rate HZ"):
+            read(tmp_path / "a.csv", response="x_mm")
+    else:
+        assert np.diff(read(tmp_path / "a.csv", response="x_mm")["time_s"].values) == pytest.approx(step_s)
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

@@ -29,22 +29,13 @@ from sinew.measure.files.names import (
     find_columns,
     listed,
     number_columns,
+    stated_step,
     time_columns,
     unit_suffix,
     unlike,
     with_unit,
 )
-from sinew.measure.files.text import (
-    MADE_TIME,
-    Opened,
-    Run,
-    noted,
-    notes_of,
-    open_text,
-    read_text,
-    stated_step,
-    with_time,
-)
+from sinew.measure.files.text import MADE_TIME, Opened, Run, noted, notes_of, open_text, read_text, with_time
 from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
 from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
 

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.errors import RecordingError, UnitError
-from sinew.measure.units import canonical_unit
+from sinew.measure.units import canonical_unit, convert
 
 Table: TypeAlias = pd.DataFrame
 """One column for each field, with the names as the file has them (duplicates stay)."""
@@ -71,6 +71,27 @@ def quantity(name: str) -> Said:
 def unit_in_name(column: str) -> str | None:
     """Return the unit that a column's name states, or None."""
     return quantity(column).unit
+
+
+_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratek?hz|fshz", re.I)
+_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|sampleinterval|deltat|deltax", re.I)
+
+
+def stated_step(name: str, number: float, unit: str = "") -> float | None:
+    """Return the sampling step [s] that a number states by its name, as "fs (kHz)" or "Delta_X"; None without.
+
+    unit: stated apart from the name. None too where the unit is not understood: then the rate is asked for.
+    """
+    said = quantity(name)
+    word = re.sub(r"[\s_:]|[\[(].*", "", said.words)
+    unit = re.sub(r"(samples?|sa?)(/s(ec)?|ps)$", "Hz", said.unknown or said.unit or unit, flags=re.I)  # "kS/s" is kHz
+    is_rate = _RATES.fullmatch(word) or _RATES.fullmatch(word + unit)
+    if not 0 < number < float("inf") or not (is_rate or _STEPS.fullmatch(word)):
+        return None
+    try:
+        return 1.0 / (number * convert(unit or "Hz", "Hz")) if is_rate else number * convert(unit or "s", "s")
+    except UnitError:
+        return None
 
 
 def unit_suffix(unit: str) -> str | None:

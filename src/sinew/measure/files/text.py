@@ -21,7 +21,16 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.arrays import Mask
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.files.names import Table, are_units, repeats_itself, split_labels, time_columns, unlike, with_unit
+from sinew.measure.files.names import (
+    Table,
+    are_units,
+    repeats_itself,
+    split_labels,
+    stated_step,
+    time_columns,
+    unlike,
+    with_unit,
+)
 from sinew.measure.validation import refuse_beyond_memory
 
 MADE_TIME = "time [s]"
@@ -43,8 +52,6 @@ STAMP = re.compile(
     r"|\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
 )
 """A date, a date with a time, or the time of a clock."""
-_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratehz|fshz", re.I)
-_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|sampleinterval|deltat|deltax", re.I)
 
 
 @dataclass(frozen=True)
@@ -73,14 +80,6 @@ def noted(table: Table, *notes: str) -> Table:
     fresh = table.copy(deep=False)
     fresh.attrs = {**table.attrs, "notes": (*notes_of(table), *notes)}
     return fresh
-
-
-def stated_step(name: str, number: float) -> float | None:
-    """Return the sampling step [s] that a number states by its name, as "fs" or "Delta_X"; None without."""
-    word = re.sub(r"[\s_:]|[\[(].*", "", name)
-    if not 0 < number < np.inf:
-        return None
-    return 1.0 / number if _RATES.fullmatch(word) else number if _STEPS.fullmatch(word) else None
 
 
 def with_time(table: Table, step_s: float, start_s: float = 0.0) -> Table:
@@ -374,8 +373,10 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
 
 
 def _stated(spoken: _Dialect, name: str, cells: Sequence[str]) -> float | None:
-    first = cells[0].replace(spoken.decimal, ".")
-    return stated_step(name, float(first)) if _PATTERNS[".", ""].fullmatch(first) else None
+    """Return the step [s] that a line above states, its unit in the name, behind the number, or in the next cell."""
+    first, _, unit = " ".join(cells[:2]).replace(spoken.decimal, ".").partition(" ")
+    unit = unit if _LETTER.match(unit) else ""
+    return stated_step(name, float(first), unit) if _PATTERNS[".", ""].fullmatch(first) else None
 
 
 def _skipped(lines: int) -> tuple[str, ...]:
