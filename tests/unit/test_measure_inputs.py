@@ -154,6 +154,12 @@ def test_a_rate_or_a_step_above_the_table_has_its_unit(tmp_path: Path, stated: s
         assert np.diff(read(tmp_path / "a.csv", response="x_mm")["time_s"].values) == pytest.approx(step_s)
 
 
+@pytest.mark.parametrize("head", ["Time (s),Amplitude", "t,mag", "t_s,gain"])
+def test_a_table_that_begins_with_a_time_is_none_over_frequency(tmp_path: Path, head: str) -> None:
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows(T, SWING)]))
+    assert read(tmp_path / "a.csv")["response"].values == pytest.approx(SWING)
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

@@ -212,13 +212,13 @@ def role_of(name: str) -> Role:
 def over_frequency(table: Table) -> str | None:
     """Return the column that makes a table one over frequency and no record over time: its first; None of others.
 
-    By its name or its unit; or all others are called psd, fft, phase and so on.
+    By its name or its unit; or all others are called psd, fft, phase and so on. A first column of times makes none.
     """
     names = list(map(str, table.columns))
-    if len(names) < 2 or not len(table):
+    if len(names) < 2 or not len(table) or is_time_name(names[0]):
         return None
     first = quantity(names[0])
-    if not is_time_name(names[0]) and (says(names[0], "frequency") or first.unit in ("Hz", "kHz")):
+    if says(names[0], "frequency") or first.unit in ("Hz", "kHz"):
         rising = pd.to_numeric(table.iloc[:, 0], errors="coerce").dropna().diff().dropna()
         return names[0] if len(rising) and (rising >= 0).mean() > 0.9 else None
     return names[0] if all(says(name, "spectrum") for name in names[1:]) else None
