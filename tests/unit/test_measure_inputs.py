@@ -160,6 +160,14 @@ def test_a_table_that_begins_with_a_time_is_none_over_frequency(tmp_path: Path, 
     assert read(tmp_path / "a.csv")["response"].values == pytest.approx(SWING)
 
 
+def test_a_name_behind_a_group_is_no_unit(tmp_path: Path) -> None:
+    from scipy import io
+
+    io.savemat(tmp_path / "a.mat", {"t": T, "plant": {"in": T}, "scope": {"A": SWING}, "log": {"x_mm": SWING}})
+    units = {column.name: column.unit for column in look(tmp_path / "a.mat").columns}
+    assert units == {"t": None, "/plant/in": None, "/scope/A": None, "/log/x_mm": "mm"}
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

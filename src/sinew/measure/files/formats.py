@@ -200,7 +200,7 @@ def _runs_of(columns: Sequence[_Column], *, apart: bool = False) -> tuple[Run, .
     all_names = [column.name for column in columns]
     apart = apart or (len(set(all_names)) < len(all_names) and max(map(len, groups.values())) > 1)
     if len(groups) > 1 and one_length and not apart:
-        whole = [replace(column, name=f"{column.group}/{column.name}".lstrip("/")) for column in columns]
+        whole = [replace(column, name=f"/{column.group}/{column.name}".replace("//", "")) for column in columns]
         return (Run("", _table_of(whole)),)
     return tuple(Run(name, _table_of(group)) for name, group in groups.items())
 

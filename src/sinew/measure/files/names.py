@@ -32,7 +32,7 @@ _UNIT_WORDS = (
 _UNITS = frozenset(_UNIT_WORDS.split())  # behind a stroke, a comma, a colon, a point or "in"
 _WORDS_OF_UNITS = frozenset(("g", "G", "mg", "°C", "degC", "dB", "-", "--", "1", "counts", "count", "LSB", "raw"))
 _BRACKET = re.compile(r"\s*[\[(]([^\[\]()]*)[\])]\s*$")
-_BEHIND = re.compile(r"^(.*[^\s,;:/._])(?:\s*[,;:/]\s*|\s+in\s+|\.|_)([^\s,;:_.]+)$")
+_BEHIND = re.compile(r"^(.*[^\s,;:/._])(?:\s*[,;:]\s*|\s+in\s+|\.|_)([^\s,;:_.]+)$")
 
 
 class Said(NamedTuple):
@@ -47,6 +47,7 @@ def quantity(name: str) -> Said:
     """Return the words of a column's name and the unit that it states.
 
     Every usual form is read: "x [mm]", "x (mm)", "x/mm", "x, mm", "x:mm", "x in mm", "x.mm", "x_mm", "micros()".
+    A path begins with a stroke, and its last name is no unit: "/scope/A".
     """
     bracket = _BRACKET.search(name)
     words = name[: bracket.start()].strip() if bracket else name.strip()
