@@ -315,7 +315,7 @@ def read_stretch(
         notes.append(f"{missing} row{'s' if missing > 1 else ''} without a time left out")
         table, stamps = table[np.isfinite(stamps)], stamps[np.isfinite(stamps)]
     if time is not None:
-        places, stamps, mended = mend_stamps(stamps, _rows(table))
+        places, stamps, mended = mend_stamps(stamps, _rows(table), gaps)
         table, notes = table.iloc[places], [*notes, *mended]
     inside = np.flatnonzero(choose_stretch(stamps, *between_s))
     inside = np.arange(inside[0], inside[-1] + 1)

@@ -264,7 +264,8 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
         i = int(back[0])
         raise TimeError(
             f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
-            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
+            f"{stamps[i + 1]:.6g} s); sort the rows, keep one run of the recorder in a file, or split the record where "
+            "its clock was set back (--gaps split)"
         )
     if stamps[-1] == stamps[0]:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
@@ -407,16 +408,19 @@ def _time(seconds: float) -> str:
 
 _MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
 _COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+_OVERFLOWS_S = (86_400.0, *(2.0**bits * tick for bits in (16, 24, 32) for tick in (1e-3, 1e-6, 1e-9)))
+"""After what clocks begin again: a day, and counters of ticks as microcontrollers have them [s]."""
 _Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
 
 
-def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
+def mend_stamps(stamps: Array, rows: NDArray[np.int64], gaps: Gaps = "refuse") -> _Mended:
     """Return (places of the rows to take in their order, their stamps [s], notes on what was done).
 
     stamps: finite, as logged [s], shape (n,). rows: their data rows. A row from before is left out, one out of its
-    order put back; where a clock was set back, what follows is moved on; of rows with one stamp in a regular clock the
-    second is left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What
-    the neighbours do not decide stays, and `diagnose_times` names it.
+    order put back; where a clock was set back by a few steps, what follows is moved on; by more, which may be another
+    run, it is moved on behind a gap where gaps are to be split. Of rows with one stamp in a regular clock the second is
+    left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What the
+    neighbours do not decide stays, and `diagnose_times` names it.
     """
     places, time, notes = np.arange(stamps.size), np.array(stamps, dtype=float), []
     rises = np.diff(time)
@@ -431,7 +435,8 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
         behind, steps = time[at:end], np.diff(time[at:end])
         which = f"data row {rows[places[at]]}" + (f" and {end - at - 1} below it" if end - at > 1 else "")
         order = np.argsort(time[:end], kind="stable")
-        if end - at == 1 or (ahead.size and time[end] - behind[-1] > 1.5 * usual):
+        few = end - at < FEWEST_SAMPLES or not np.ptp(np.searchsorted(time[:at], behind))  # or they fill a hole
+        if end - at == 1 or (few and ahead.size and time[end] - behind[-1] > 1.5 * usual):
             apart = [float(np.abs(time[:at] - one).min()) for one in behind]
             if min(apart) > 0.5 * usual and behind[0] > time[0]:
                 notes.append(f"{which} stood after a later one ({high:.6g} s): put back in order of time")
@@ -445,12 +450,16 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
             order = np.r_[order, end : time.size]
             time, places = time[order], places[order]
         elif (steps >= 0).all() and 0.5 * usual < float(np.median(steps)) < 2 * usual:
-            shift = high + usual - time[at]
+            back_s = high + usual - time[at]
+            cut = back_s > FEWEST_SAMPLES * usual and min(abs(back_s - one) for one in _OVERFLOWS_S) > 2 * usual
+            if cut and gaps != "split":
+                break
+            pause = FEWEST_SAMPLES * float(np.diff(time).max()) if cut else usual  # no step hides the cut
             notes.append(
-                f"the clock was set back by {shift:.6g} s at {which.partition(' and')[0]}: what follows is "
-                f"moved on, one step of {_time(usual)} behind the row before"
+                f"the clock was set back by {back_s:.6g} s at {which.partition(' and')[0]}: what follows is moved on, "
+                f"{'a gap' if cut else 'one step'} of {_time(pause)} behind the row before"
             )
-            time[at:] += shift
+            time[at:] += back_s - usual + pause
         else:
             break
     for mend in (_still, _repeated):
