@@ -178,6 +178,16 @@ def test_two_runs_of_which_the_second_begins_before_the_first_ends_are_cut(tmp_p
     assert read(tmp_path / "a.csv", gaps="split")["row_size"].values[0] == 600
 
 
+@pytest.mark.parametrize("mark", ["#3", "run #3", "% of load", '5" arm'])
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_mark_in_a_cell_of_a_sheet_begins_no_comment(tmp_path: Path, mark: str, place: int) -> None:
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in [("t_s", "x_mm"), *zip(T.tolist(), SWING.tolist(), strict=True)]:
+        book.active.append([*row[:place], mark if row[0] != "t_s" else "what", *row[place:]])
+    book.save(tmp_path / "a.xlsx")
+    assert read(tmp_path / "a.xlsx")["response"].values == pytest.approx(SWING * 1e-3)
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

@@ -322,10 +322,11 @@ def _open_zip(path: Path) -> Opened:
 
 
 def _cell(cell: Any) -> str:
-    """Return a cell of a sheet as text: numbers in full, dates and times by ISO 8601."""
+    """Return a cell of a sheet as text: numbers in full, dates and times by ISO 8601, and no mark begins a comment."""
     if isinstance(cell, float):
         return repr(cell)
-    return cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).split())
+    text = cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).split())
+    return '"{}"'.format(text.replace('"', '""')) if re.search(r'[#"]|^(%|//)', text) else text
 
 
 def _open_parquet(path: Path) -> Opened:
