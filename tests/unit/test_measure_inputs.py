@@ -188,6 +188,16 @@ def test_a_mark_in_a_cell_of_a_sheet_begins_no_comment(tmp_path: Path, mark: str
     assert read(tmp_path / "a.xlsx")["response"].values == pytest.approx(SWING * 1e-3)
 
 
+@pytest.mark.parametrize(("name", "turns"), [("photogate", False), ("wheel [counts]", True), ("encoder", True)])
+def test_only_a_counter_by_its_name_or_its_unit_is_unwrapped(tmp_path: Path, name: str, turns: bool) -> None:
+    values = (
+        np.where(np.arange(600) % 150 < 90, 0, 1022) + np.arange(600) % 2 if not turns else np.arange(600) * 7 % 1024
+    )
+    (tmp_path / "a.csv").write_text("\n".join([f"t_s,{name}", *rows(T, values)]))
+    response = read(tmp_path / "a.csv")["response"].values
+    assert response == pytest.approx(np.arange(600) * 7 if turns else values)
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

@@ -328,7 +328,8 @@ def read_stretch(
         units[role], factor = canonical_unit(came_in[role])
         values[role] = np.mean([numbers(part, name) for name in names], axis=0) * factor
         if role in _MENDED:
-            values[role], mended = mend_values(names[0], values[role], units[role], _rows(part))
+            unit = came_in[role] if units[role] == "1" else units[role]
+            values[role], mended = mend_values(names[0], values[role], unit, _rows(part))
             missed += mended
     sound = np.all([np.isfinite(one) for one in values.values()], axis=0)
     timeline = straighten_times(stamps[sound], gaps=gaps, rows=_rows(part)[sound])

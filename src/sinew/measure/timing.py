@@ -6,6 +6,7 @@ they may be. Stamps that a busy host gave late to regular samples (see `has_cloc
 through them. Gaps are refused, split, or bridged: then they stay where they are, for a fit that needs no samples there.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -408,6 +409,7 @@ def _time(seconds: float) -> str:
 
 _MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
 _COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+_COUNTED = re.compile("count|encoder|tick", re.IGNORECASE)
 _OVERFLOWS_S = (86_400.0, *(2.0**bits * tick for bits in (16, 24, 32) for tick in (1e-3, 1e-6, 1e-9)))
 """After what clocks begin again: a day, and counters of ticks as microcontrollers have them [s]."""
 _Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
@@ -509,8 +511,8 @@ def _repeated(time: Array, rows: NDArray[np.int64]) -> _Mended:
 def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) -> tuple[Array, list[str]]:
     """Return a response without failed reads (NaN in their place) and without turns, and notes on what was done.
 
-    values: finite, in `unit` (SI), shape (n,). name: of its column: an angle turns by its unit or its name, a counter
-    by its whole numbers.
+    values: finite, in `unit` (SI; of a plain number as it came in, "counts"), shape (n,). name: of its column: an angle
+    turns by its unit or its name, a counter by its whole numbers where unit or name say angle, encoder or count.
     """
     notes: list[str] = []
     if values.size <= FEWEST_SAMPLES or np.abs(values).max() > max(_COUNTERS):
@@ -554,10 +556,12 @@ def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
     They fill more than half a turn and no more than one, jump by more than half of it now and then, and move by less
     than a third of it else. Jumps there and back at once are no turns.
     """
-    counts = _COUNTERS if unit == "1" and bool((values == np.rint(values)).all()) else ()
+    whole, turning = bool((values == np.rint(values)).all()), unit == "1" and says(name, "angle")
+    counted = turning or _COUNTED.search(f"{name} {unit}" if unit == "1" else unit)
+    counts = _COUNTERS if whole and counted else ()
     angles: tuple[float, ...] = (2 * np.pi,) if unit == "rad" else ()
-    if unit == "1" and says(name, "angle"):
-        angles = (360.0,) if counts else (360.0, 2 * np.pi)
+    if turning:
+        angles = (360.0,) if whole else (360.0, 2 * np.pi)
     steps, span = np.diff(values), float(np.ptp(values))
     usual = float(np.quantile(np.abs(steps), 0.9))
     for turn in (*angles, *counts):
@@ -565,8 +569,8 @@ def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
         if not (0 < jumps.mean() < 0.25 and 0.5 * turn < span <= 1.001 * turn and usual < 0.3 * turn):
             continue
         back = jumps[:-1] & jumps[1:] & (np.sign(steps[:-1]) != np.sign(steps[1:]))
-        whole = np.unwrap(values, period=turn)
-        rest = np.abs(np.diff(whole))
+        unwrapped = np.unwrap(values, period=turn)
+        rest = np.abs(np.diff(unwrapped))
         if 2 * back.sum() <= 0.8 * jumps.sum() and rest[jumps].max() <= 2 * rest[~jumps].max() < turn:
-            return np.asarray(whole), turn
+            return np.asarray(unwrapped), turn
     return values, 0.0
