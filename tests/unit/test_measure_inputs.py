@@ -191,11 +191,24 @@ def test_a_mark_in_a_cell_of_a_sheet_begins_no_comment(tmp_path: Path, mark: str
 @pytest.mark.parametrize(("name", "turns"), [("photogate", False), ("wheel [counts]", True), ("encoder", True)])
 def test_only_a_counter_by_its_name_or_its_unit_is_unwrapped(tmp_path: Path, name: str, turns: bool) -> None:
     values = (
-        np.where(np.arange(600) % 150 < 90, 0, 1022) + np.arange(600) % 2 if not turns else np.arange(600) * 7 % 1024
+        np.where(np.arange(600) % 160 < 98, 0, 1020) + np.arange(600) % 4 if not turns else np.arange(600) * 7 % 1024
     )
     (tmp_path / "a.csv").write_text("\n".join([f"t_s,{name}", *rows(T, values)]))
     response = read(tmp_path / "a.csv")["response"].values
     assert response == pytest.approx(np.arange(600) * 7 if turns else values)
+
+
+def test_each_segment_of_a_lvm_has_its_own_step_start_and_unit(tmp_path: Path) -> None:
+    facts = [("0.01", "0", "mm"), ("0.002", "5", "V")]
+    text = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tNo", LVM_END]
+    for step, begin, unit in facts:
+        text += [f"Y_Unit_Label\t{unit}", f"X0\t{begin}", f"Delta_X\t{step}", LVM_END, "X_Value\tx"]
+        text += [f"\t{x}" for x in SWING] + [""]
+    (tmp_path / "a.lvm").write_text("\n".join(text))
+    for run, (step, begin, unit) in enumerate(facts, start=1):
+        recording = read(tmp_path / "a.lvm", run=run)
+        assert recording["time_s"].values == pytest.approx(float(begin) + float(step) * np.arange(600))
+        assert recording["response"].values == pytest.approx(SWING * (1e-3 if unit == "mm" else 1.0))
 
 
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:

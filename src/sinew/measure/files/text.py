@@ -11,8 +11,8 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -125,13 +125,23 @@ def read_text(
         raise _no_table(source)
     header = layout.header.strip()
     again = [k for k in range(start, len(lines)) if lines[k].strip() == header] if header and header in text else []
-    tables = []
+    worded = 0 in spoken.solid or _LETTER.match(lines[start])
+
+    def is_above(line: str) -> bool:
+        return not spoken.is_row(line, alike=True) or bool(not worded and _LETTER.match(line))
+
+    tables, between, own = [], list[str](), layout
     for first, last in pairwise([start - 1, *again, len(lines)]):
         part = lines[first + 1 : last]
-        while last < len(lines) and part and not spoken.is_row(part[-1], alike=True):  # it stands above the next header
+        if any(sum(map(bool, spoken.cells(line))) > 1 for line in between):  # a segment with facts of its own
+            top = [*lines[: lines.index(layout.header)], *between, lines[first]]
+            top += takewhile(lambda line: not spoken.is_row(line), part)
+            own = replace(_named(source, spoken, [*top, *part], len(top)), notes=layout.notes)
+        while last < len(lines) and part and is_above(part[-1]):  # it stands above the next header
             part.pop()
+        between = lines[first + 1 + len(part) : last]
         if any(map(spoken.is_row, part)):
-            tables.append(_parsed(source, part, spoken, layout))
+            tables.append(_parsed(source, part, spoken, own))
     if len(tables) > 1:
         runs = [(f"part {k}", noted(one, "its header is repeated")) for k, one in enumerate(tables, start=1)]
     else:
