@@ -211,6 +211,16 @@ def test_each_segment_of_a_lvm_has_its_own_step_start_and_unit(tmp_path: Path) -
         assert recording["response"].values == pytest.approx(SWING * (1e-3 if unit == "mm" else 1.0))
 
 
+def test_lists_of_one_kind_in_a_json_are_runs_and_others_are_named(tmp_path: Path) -> None:
+    run, columns = ENTRIES, {"t_s": T.tolist(), "x": T.tolist(), "few": [1, 2]}
+    (tmp_path / "a.json").write_text(json.dumps({"one": run[:300], "two": run, "marks": [{"at": 3}]}))
+    with pytest.raises(SinewError, match="holds 2 runs: 1 'one', 2 'two'; choose one"):
+        read(tmp_path / "a.json")
+    assert "'marks'" in look(tmp_path / "a.json", run="one").notes[1]
+    (tmp_path / "a.json").write_text(json.dumps(columns))
+    assert "another length are left out: few" in look(tmp_path / "a.json").notes[0]
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)

@@ -344,7 +344,10 @@ def _plain(table: Table) -> Table:
 
 
 def _open_json(path: Path) -> Opened | None:
-    """Return the longest list of samples in a JSON file, or its lines of objects; None where it is no JSON."""
+    """Return the longest list of samples in a JSON file, or its lines of objects; None where it is no JSON.
+
+    Lists with the same columns are runs; what else is left out is named in a note.
+    """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         tree = json.loads(text)
@@ -355,11 +358,18 @@ def _open_json(path: Path) -> Opened | None:
             if text.lstrip().startswith("{"):
                 raise FileError(f"{path} begins as JSON but cannot be read, it is cut short ({error})") from error
             return None
-    name, table = max(_lists(tree), key=lambda found: len(found[1]), default=("", pd.DataFrame()))
-    if len(table) < 2:
+    lists = list(_lists(tree))
+    longest = max((table for _, table in lists), key=len, default=pd.DataFrame())
+    if len(longest) < 2:
         raise FileError(f"{path} is JSON without a list of samples; write its samples as a table")
-    note = f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"
-    return Opened("JSON", (Run("", noted(_plain(table), note)),))
+    alike = {name: table for name, table in lists if len(table) > 1 and set(table.columns) == set(longest.columns)}
+    left = [repr(name) for name, _ in lists if name not in alike]
+    runs = []
+    for name, table in alike.items():
+        notes = [f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"]
+        notes += [f"lists with other columns are left out: {listed(left)}"] if left else []
+        runs.append(Run(name if len(alike) > 1 else "", noted(_plain(table), *notes)))
+    return Opened("JSON", tuple(runs))
 
 
 def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
@@ -374,7 +384,10 @@ def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
         flat = {key: one for key, one in flat.items() if not isinstance(one[0], Mapping)}
         sizes = [len(one) for one in flat.values()]
         if sizes:
-            yield name, pd.DataFrame({key: one for key, one in flat.items() if len(one) == max(sizes, key=sizes.count)})
+            usual = max(sizes, key=sizes.count)
+            table = pd.DataFrame({key: one for key, one in flat.items() if len(one) == usual})
+            left = [key for key, one in flat.items() if len(one) != usual]
+            yield name, noted(table, f"lists of another length are left out: {listed(left)}") if left else table
         for key, one in tree.items():
             if key not in flat:
                 yield from _lists(one, f"{name}.{key}".lstrip("."))
