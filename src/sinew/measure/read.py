@@ -573,10 +573,10 @@ class Looked(Result):
     run: _Text
     rows: Annotated[int, Field("", "detail")]
     columns: Annotated[Rows[LookedColumn], Field("")]
-    time: Annotated[LookedTime | None, Field("", "detail")]
-    notes: Annotated[tuple[str, ...], Field("", "sentence")]
-    missing: Annotated[tuple[str, ...], Field("", "detail")]
-    command: Annotated[str | None, Field("", "detail")]
+    time: Annotated[LookedTime | None, Field("", "detail")] = None
+    notes: Annotated[tuple[str, ...], Field("", "sentence")] = ()
+    missing: Annotated[tuple[str, ...], Field("", "detail")] = ()
+    command: Annotated[str | None, Field("", "detail")] = None
 
     def blocks(self) -> list[ShownTable | str]:
         """Return tables and sentences in the order of reading; one run alone is not listed."""
@@ -634,10 +634,7 @@ def look(
         run=next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), ""),
         rows=len(table),
         columns=Rows(_column(table, k) for k in range(table.shape[1])),
-        time=None,
         notes=notes_of(table),
-        missing=(),
-        command=None,
     )
     return _with_command(looked, table, words, rate_hz)
 
@@ -655,9 +652,7 @@ def _look_at_recording(path: Path) -> Looked:
         run="",
         rows=int(dataset.sizes.get("sample", 0)),
         columns=Rows(replace(one, unit=str(dataset[one.name].attrs.get("units", "")) or None) for one in columns),
-        time=None,
         notes=(f"segments: {dataset.sizes.get('segment', 0)}, of {', '.join(kinds)}",) if kinds else (),
-        missing=(),
         command=shlex.join(["sinew", "analyse", str(path)]) if kinds else None,
     )
 

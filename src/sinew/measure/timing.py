@@ -223,11 +223,6 @@ class Timeline:
     notes: tuple[str, ...]
     diagnosis: TimeDiagnosis
 
-    @property
-    def changed(self) -> bool:
-        """Return whether stamps were replaced, or gaps split or bridged."""
-        return len(self.notes) > 1
-
 
 def _clock_of(stamps: Array) -> tuple[bool, bool, list[Gap], float, bool]:
     """Return (whether there is a regular clock, whether it comes in bursts, gaps, step [s], whether repeats are wrong).

@@ -37,7 +37,7 @@ from sinew.measure.files.names import (
 )
 from sinew.measure.files.text import MADE_TIME, Opened, Run, noted, notes_of, open_text, read_text, with_time
 from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
-from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
+from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically, write_text
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
 _FEWEST_ROWS = 8  # of a run that a restart of the clock begins: fewer cannot be analysed
@@ -344,10 +344,7 @@ def _plain(table: Table) -> Table:
 
 
 def _open_json(path: Path) -> Opened | None:
-    """Return the longest list of samples in a JSON file, or its lines of objects; None where it is no JSON.
-
-    Lists with the same columns are runs; what else is left out is named in a note.
-    """
+    """Return the lists of a JSON file with the columns of the longest, or its lines of objects; None of no JSON."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         tree = json.loads(text)
@@ -566,11 +563,6 @@ def export_recording(recording: xr.Dataset, path: Path | str, to: str) -> None:
     EXPORTS[to](validate_recording(recording), as_path(path))
 
 
-def _export_csv(recording: xr.Dataset, path: Path) -> None:
-    frame = flat_table(recording)
-    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False))
-
-
 def flat_table(recording: xr.Dataset) -> pd.DataFrame:
     """Return a recording as one table: a row for each sample, a column for each channel and property of segments."""
     sizes = recording["row_size"].values
@@ -673,6 +665,12 @@ def _export_mcap(recording: xr.Dataset, path: Path) -> None:
     write_atomically(path, write)
 
 
+_ZERO_IN_UFF = (
+    *("binary", "abscissa_spacing"),  # text, for the library reads some binary sets back wrongly; with the times
+    *("rsp_dir", "ref_node", "ref_dir", "ordinate_spec_data_type", "orddenom_spec_data_type", "z_axis_spec_data_type"),
+)
+
+
 def _export_uff(recording: xr.Dataset, path: Path) -> None:
     pyuff = library(path, "pyuff", "pyuff", "a universal file", "writes")
     frame = flat_table(recording)
@@ -684,7 +682,6 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
         for node, name in enumerate(channels, start=1):
             data = {
                 "type": 58,
-                "binary": 0,  # of binary sets the library reads some back wrongly
                 "func_type": 1,  # a time response
                 "ver_num": int(segment) + 1,
                 "id1": name,
@@ -692,22 +689,15 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
                 "id3": f"time 0 is {float(rows['time_s'].iloc[0])!r} s of the recording",
                 "data": rows[name].to_numpy(dtype=float),
                 "x": (rows["time_s"] - rows["time_s"].iloc[0]).to_numpy(),
-                "abscissa_spacing": 0,  # the times are written, too
                 "rsp_node": node,
-                "rsp_dir": 0,
-                "ref_node": 0,
-                "ref_dir": 0,
                 "abscissa_spec_data_type": 17,  # time
-                "ordinate_spec_data_type": 0,
-                "orddenom_spec_data_type": 0,
-                "z_axis_spec_data_type": 0,
             }
-            sets.append(data)
+            sets.append(dict.fromkeys(_ZERO_IN_UFF, 0) | data)
     write_atomically(path, lambda temporary: pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite"))
 
 
 EXPORTS: dict[str, Callable[[xr.Dataset, Path], None]] = {
-    "csv": _export_csv,
+    "csv": lambda recording, path: write_text(path, flat_table(recording).to_csv(index=False)),
     "mat": _export_mat,
     "parquet": _export_parquet,
     "uff": _export_uff,

@@ -108,21 +108,19 @@ def _is_read(unit: str) -> bool:
     return True
 
 
-def is_unit(text: str) -> bool:
-    """Return whether a cell of a line of units may be one: also what pint finds ambiguous, or without a zero."""
-    bare = text.strip().strip("[]()").strip()
-    if not bare or bare in _WORDS_OF_UNITS or bare.lower() in _CLOCKS or bare in _UNITS:
-        return True
-    return _is_read(bare) or _is_read(bare.lower())
-
-
 def are_units(cells: Sequence[str]) -> bool:
-    """Return whether a line holds units and nothing else: one of time, two in common use, or all in brackets."""
+    """Return whether a line holds units and nothing else: one of time, two in common use, or all in brackets.
+
+    A unit is also what pint finds ambiguous, or without a zero.
+    """
     texts = [cell.strip() for cell in cells if cell.strip()]
     bare = [text.strip("[]()").strip() for text in texts]
+    known = {"", *_WORDS_OF_UNITS, *_UNITS, *(text for text in bare if text.lower() in _CLOCKS)}
     boxed = all(text[0] in "[(" and text[-1] in ")]" for text in texts)
     sure = any(text.lower() in _CLOCKS for text in bare) or (len(bare) > 1 and _UNITS.issuperset(bare))
-    return bool(texts) and (boxed or sure) and all(map(is_unit, texts))
+    return (
+        bool(texts) and (boxed or sure) and all(one in known or any(map(_is_read, (one, one.lower()))) for one in bare)
+    )
 
 
 def with_unit(name: str, unit: str | None) -> str:

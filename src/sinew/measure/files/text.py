@@ -125,11 +125,6 @@ def read_text(
         raise _no_table(source)
     header = layout.header.strip()
     again = [k for k in range(start, len(lines)) if lines[k].strip() == header] if header and header in text else []
-    worded = 0 in spoken.solid or _LETTER.match(lines[start])
-
-    def is_above(line: str) -> bool:
-        return not spoken.is_row(line, alike=True) or bool(not worded and _LETTER.match(line))
-
     tables, between, own = [], list[str](), layout
     for first, last in pairwise([start - 1, *again, len(lines)]):
         part = lines[first + 1 : last]
@@ -137,7 +132,7 @@ def read_text(
             top = [*lines[: lines.index(layout.header)], *between, lines[first]]
             top += takewhile(lambda line: not spoken.is_row(line), part)
             own = replace(_named(source, spoken, [*top, *part], len(top)), notes=layout.notes)
-        while last < len(lines) and part and is_above(part[-1]):  # it stands above the next header
+        while last < len(lines) and part and not spoken.is_row(part[-1], lines[start]):  # it is above the next header
             part.pop()
         between = lines[first + 1 + len(part) : last]
         if any(map(spoken.is_row, part)):
@@ -209,16 +204,17 @@ class _Dialect:
             return cell.replace(self.thousands, "").replace(self.decimal, ".")
         return cell
 
-    def is_row(self, line: str, alike: bool = False) -> bool:
+    def is_row(self, line: str, like: str = "") -> bool:
         """Return whether a line is a row of numbers: one at least, and no text in a column of numbers.
 
-        alike: nor anything in a column that is empty elsewhere.
+        like: a sure row; nor anything in a column that is empty elsewhere, or a word in front where that has none.
         """
         cells = [] if _is_comment(line) else self.cells(line)
         if not any(cells) or abs(len(_fields(line, self.separator)) - self.width) > 1:
             return False
         own = [cells[k] for k in self.solid if cells[k]]
-        free = not alike or not any(cells[k] for k in self.empty)
+        worded = 0 not in self.solid and _LETTER.match(line) and not _LETTER.match(like)
+        free = not like or not (worded or any(cells[k] for k in self.empty))
         return bool(own) and free and all(is_value(cell, self.decimal, self.thousands) for cell in own)
 
     def start(self, lines: Sequence[str]) -> int:
@@ -367,7 +363,7 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
         units = ["s", *facts["Y_Unit_Label"], *[""] * len(names)]
         names = [with_unit(name, unit) for name, unit in zip(names, units, strict=False)]
     elif upper_at is not None and len(set(filter(None, upper))) < spoken.width:
-        at, filled = upper_at, _filled(upper)
+        at, filled = upper_at, [next(filter(None, upper[k::-1]), "") for k in range(len(upper))]  # merged cells
         if repeats_itself(filled, names):
             labels = tuple(filled)
         else:
@@ -420,15 +416,6 @@ def _scope_names(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     names[3] = with_unit("time", facts.get("Horizontal Units") or "s")
     names[4] = with_unit(facts.get("Source") or "5", facts.get("Vertical Units"))
     return tuple(names)
-
-
-def _filled(cells: Sequence[str]) -> list[str]:
-    """Return labels over columns, merged cells filled from the left."""
-    found, last = [], ""
-    for cell in cells:
-        last = cell or last
-        found.append(last)
-    return found
 
 
 # From the text of the rows to numbers.
