@@ -78,7 +78,11 @@ FILES: dict[str, tuple[str, Write, float]] = {  # name, file, factor from the sw
     "structs of MATLAB": ("a.mat", nested_mat, np.pi / 180),
     "an angle in a circle": ("a.csv", lines("t_s,angle_deg", rows(T, SWING % 360)), np.pi / 180),
     "a row over again": ("a.csv", lines("t_s,x_mm", rows(T[AGAIN], SWING[AGAIN])), 1e-3),
-    "a clock set back": ("a.csv", lines("t_s,x_mm", rows(T - 2.0 * (T >= 3.0), SWING)), 1e-3),
+    "a rate in kHz": ("a.csv", lines("Sample Rate (kHz);0.1", "x_mm;supply", rows(SWING, T, sep=";")), 1e-3),
+    "a rate, then its unit": ("a.csv", lines("Sampling Rate,0.1,kHz", "x_mm,supply", rows(SWING, T)), 1e-3),
+    "a step in ms": ("a.csv", lines("Sample interval [ms];10", "x_mm;supply", rows(SWING, T, sep=";")), 1e-3),
+    "a time and an amplitude": ("a.csv", lines("Time (s),Amplitude", rows(T, SWING)), 1.0),
+    "a clock set back": ("a.csv", lines("t_s,x_mm", rows(T - 0.05 * (T >= 3.0), SWING)), 1e-3),
 }
 
 
@@ -135,6 +139,58 @@ def test_a_spectrum_is_no_record_over_time(tmp_path: Path, head: str) -> None:
         read(tmp_path / "a.csv")
 
 
+def test_a_name_behind_a_group_is_no_unit(tmp_path: Path) -> None:
+    tree = {"t": T, "plant": {"in": T}, "scope": {"A": SWING}}
+    pytest.importorskip("scipy.io").savemat(tmp_path / "a.mat", tree)
+    units = [(column.name, column.unit) for column in look(tmp_path / "a.mat").columns]
+    assert units == [("t", None), ("/plant/in", None), ("/scope/A", None)]
+
+
+@pytest.mark.parametrize("again", [T + 2.0, T[:300] + 2.0, np.r_[T[:200], T[400:]] + 2.005])
+def test_two_runs_of_which_the_second_begins_before_the_first_ends_are_cut(tmp_path: Path, again: Any) -> None:
+    lines("t_s,x_mm", rows(np.r_[T, again], np.r_[SWING, SWING[: again.size]]))(tmp_path / "a.csv")
+    with pytest.raises(SinewError, match=r"time goes backwards at data row 601 .*--gaps split"):
+        read(tmp_path / "a.csv", gaps="bridge")
+    assert read(tmp_path / "a.csv", gaps="split")["row_size"].values[0] == 600
+
+
+@pytest.mark.parametrize("mark", ["#3", "run #3", "% of load", '5" arm'])
+def test_a_mark_in_a_cell_of_a_sheet_begins_no_comment(tmp_path: Path, mark: str) -> None:
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in [("what", "t_s", "x_mm"), *zip([mark] * 600, T.tolist(), SWING.tolist(), strict=True)]:
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    assert read(tmp_path / "a.xlsx")["response"].values == pytest.approx(SWING * 1e-3)
+
+
+def test_a_response_that_is_no_counter_by_its_name_is_not_unwrapped(tmp_path: Path) -> None:
+    values = 1020 * (np.arange(600) % 160 >= 98) + np.arange(600) % 4
+    lines("t_s,photogate", rows(T, values))(tmp_path / "a.csv")
+    assert read(tmp_path / "a.csv")["response"].values == pytest.approx(values)
+
+
+def test_each_segment_of_a_lvm_has_its_own_step_start_and_unit(tmp_path: Path) -> None:
+    facts = [("0.01", "0", "mm"), ("0.002", "5", "V")]
+    text = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tNo", LVM_END]
+    for step, begin, unit in facts:
+        head = [f"Y_Unit_Label\t{unit}", f"X0\t{begin}", f"Delta_X\t{step}", LVM_END, "X_Value\tx"]
+        text += head + [f"\t{x}" for x in SWING]
+    lines(text)(tmp_path / "a.lvm")
+    for run, (step, begin, unit) in enumerate(facts, start=1):
+        recording = read(tmp_path / "a.lvm", run=run)
+        assert recording["time_s"].values == pytest.approx(float(begin) + float(step) * np.arange(600))
+        assert recording["response"].values == pytest.approx(SWING * (1e-3 if unit == "mm" else 1.0))
+
+
+def test_lists_of_one_kind_in_a_json_are_runs_and_others_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(json.dumps({"one": ENTRIES[:300], "two": ENTRIES, "marks": [{"at": 3}]}))
+    with pytest.raises(SinewError, match="holds 2 runs: 1 'one', 2 'two'; choose one"):
+        read(tmp_path / "a.json")
+    assert "'marks'" in look(tmp_path / "a.json", run="one").notes[1]
+    (tmp_path / "a.json").write_text(json.dumps({"t_s": T.tolist(), "x": T.tolist(), "few": [1, 2]}))
+    assert "another length are left out: few" in look(tmp_path / "a.json").notes[0]
+
+
 def test_of_several_clocks_the_one_with_most_distinct_stamps_is_taken(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time_s,stamp_ms,x_mm", *rows(np.floor(T), 1000 * T, SWING)]))
     assert read(tmp_path / "a.csv")["time_s"].values == pytest.approx(T)
@@ -145,6 +201,9 @@ def test_a_unit_in_a_bracket_that_is_not_understood_is_asked_for(tmp_path: Path)
     with pytest.raises(UnitError, match=r"the unit 'tick' of 'Time \(tick\)' is not understood: say which"):
         read(tmp_path / "a.csv")
     assert read(tmp_path / "a.csv", time="Time (tick):s").sizes["sample"] == 600
+    (tmp_path / "a.csv").write_text("\n".join(["Sample Rate (furlong);10", "x_mm;supply", *rows(SWING, T, sep=";")]))
+    with pytest.raises(SinewError, match="--rate HZ"):
+        read(tmp_path / "a.csv", response="x_mm")
 
 
 def test_a_million_rows_are_read_in_bounded_time(tmp_path: Path) -> None:

@@ -52,14 +52,6 @@ def head_axis(orientation: Array) -> Array:
     return np.asarray(Rotation.from_quat(orientation, scalar_first=True).apply((1.0, 0.0, 0.0)))
 
 
-def swing_of(orientation: Array) -> Array:
-    """Return pitch and roll [rad], the components of the swing's rotation vector about y and z of B, shape (n, 2)."""
-    x, y, z = head_axis(orientation).T
-    sideways = np.hypot(y, z)
-    per = np.divide(np.arctan2(sideways, x), sideways, out=np.ones_like(x), where=sideways > 0)
-    return np.stack([-per * z, per * y], axis=-1)
-
-
 def tilt_from(orientation: Array, bend: float, azimuth: float) -> Array:
     """Return how far the head leans from a pose, in the plane of its bend and out of it [rad], shape (n, 2).
 

@@ -190,10 +190,7 @@ def shown(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
 
 def shown_interval(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
     """Return "value unit (low to high)" of a quantity as JSON holds it; a dash for None."""
-    if estimate is None:
-        return UNKNOWN
-    low, high = estimate["interval90"] or (None, None)
-    return interval(estimate["value"], low, high, unit)
+    return UNKNOWN if estimate is None else Estimate.from_json(estimate).shown_interval(unit)
 
 
 def typeset(text: str) -> str:

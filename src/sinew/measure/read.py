@@ -315,7 +315,7 @@ def read_stretch(
         notes.append(f"{missing} row{'s' if missing > 1 else ''} without a time left out")
         table, stamps = table[np.isfinite(stamps)], stamps[np.isfinite(stamps)]
     if time is not None:
-        places, stamps, mended = mend_stamps(stamps, _rows(table))
+        places, stamps, mended = mend_stamps(stamps, _rows(table), gaps)
         table, notes = table.iloc[places], [*notes, *mended]
     inside = np.flatnonzero(choose_stretch(stamps, *between_s))
     inside = np.arange(inside[0], inside[-1] + 1)
@@ -328,7 +328,8 @@ def read_stretch(
         units[role], factor = canonical_unit(came_in[role])
         values[role] = np.mean([numbers(part, name) for name in names], axis=0) * factor
         if role in _MENDED:
-            values[role], mended = mend_values(names[0], values[role], units[role], _rows(part))
+            unit = came_in[role] if units[role] == "1" else units[role]
+            values[role], mended = mend_values(names[0], values[role], unit, _rows(part))
             missed += mended
     sound = np.all([np.isfinite(one) for one in values.values()], axis=0)
     timeline = straighten_times(stamps[sound], gaps=gaps, rows=_rows(part)[sound])
@@ -572,10 +573,10 @@ class Looked(Result):
     run: _Text
     rows: Annotated[int, Field("", "detail")]
     columns: Annotated[Rows[LookedColumn], Field("")]
-    time: Annotated[LookedTime | None, Field("", "detail")]
-    notes: Annotated[tuple[str, ...], Field("", "sentence")]
-    missing: Annotated[tuple[str, ...], Field("", "detail")]
-    command: Annotated[str | None, Field("", "detail")]
+    time: Annotated[LookedTime | None, Field("", "detail")] = None
+    notes: Annotated[tuple[str, ...], Field("", "sentence")] = ()
+    missing: Annotated[tuple[str, ...], Field("", "detail")] = ()
+    command: Annotated[str | None, Field("", "detail")] = None
 
     def blocks(self) -> list[ShownTable | str]:
         """Return tables and sentences in the order of reading; one run alone is not listed."""
@@ -633,10 +634,7 @@ def look(
         run=next((one.name for one in runs if chosen in (one.number, one.name, str(one.number))), ""),
         rows=len(table),
         columns=Rows(_column(table, k) for k in range(table.shape[1])),
-        time=None,
         notes=notes_of(table),
-        missing=(),
-        command=None,
     )
     return _with_command(looked, table, words, rate_hz)
 
@@ -654,9 +652,7 @@ def _look_at_recording(path: Path) -> Looked:
         run="",
         rows=int(dataset.sizes.get("sample", 0)),
         columns=Rows(replace(one, unit=str(dataset[one.name].attrs.get("units", "")) or None) for one in columns),
-        time=None,
         notes=(f"segments: {dataset.sizes.get('segment', 0)}, of {', '.join(kinds)}",) if kinds else (),
-        missing=(),
         command=shlex.join(["sinew", "analyse", str(path)]) if kinds else None,
     )
 

@@ -6,6 +6,7 @@ they may be. Stamps that a busy host gave late to regular samples (see `has_cloc
 through them. Gaps are refused, split, or bridged: then they stay where they are, for a fit that needs no samples there.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -222,11 +223,6 @@ class Timeline:
     notes: tuple[str, ...]
     diagnosis: TimeDiagnosis
 
-    @property
-    def changed(self) -> bool:
-        """Return whether stamps were replaced, or gaps split or bridged."""
-        return len(self.notes) > 1
-
 
 def _clock_of(stamps: Array) -> tuple[bool, bool, list[Gap], float, bool]:
     """Return (whether there is a regular clock, whether it comes in bursts, gaps, step [s], whether repeats are wrong).
@@ -264,7 +260,8 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
         i = int(back[0])
         raise TimeError(
             f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
-            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
+            f"{stamps[i + 1]:.6g} s); sort the rows, keep one run of the recorder in a file, or split the record where "
+            "its clock was set back (--gaps split)"
         )
     if stamps[-1] == stamps[0]:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
@@ -407,16 +404,20 @@ def _time(seconds: float) -> str:
 
 _MOST_MENDS = 50  # times that go backwards in one record: more are no accidents, and the first is named
 _COUNTERS = (256.0, 1024.0, 4096.0, 16384.0, 65536.0)  # of encoders: 8 to 16 bits
+_COUNTED = re.compile("count|encoder|tick", re.IGNORECASE)
+_OVERFLOWS_S = (86_400.0, *(2.0**bits * tick for bits in (16, 24, 32) for tick in (1e-3, 1e-6, 1e-9)))
+"""After what clocks begin again: a day, and counters of ticks as microcontrollers have them [s]."""
 _Mended: TypeAlias = tuple[NDArray[np.int64], Array, list[str]]
 
 
-def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
+def mend_stamps(stamps: Array, rows: NDArray[np.int64], gaps: Gaps = "refuse") -> _Mended:
     """Return (places of the rows to take in their order, their stamps [s], notes on what was done).
 
     stamps: finite, as logged [s], shape (n,). rows: their data rows. A row from before is left out, one out of its
-    order put back; where a clock was set back, what follows is moved on; of rows with one stamp in a regular clock the
-    second is left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What
-    the neighbours do not decide stays, and `diagnose_times` names it.
+    order put back; where a clock was set back by a few steps, what follows is moved on; by more, which may be another
+    run, it is moved on behind a gap where gaps are to be split. Of rows with one stamp in a regular clock the second is
+    left out, or gets the time that it should have; rows behind the last tick of a clock are left out. What the
+    neighbours do not decide stays, and `diagnose_times` names it.
     """
     places, time, notes = np.arange(stamps.size), np.array(stamps, dtype=float), []
     rises = np.diff(time)
@@ -431,7 +432,8 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
         behind, steps = time[at:end], np.diff(time[at:end])
         which = f"data row {rows[places[at]]}" + (f" and {end - at - 1} below it" if end - at > 1 else "")
         order = np.argsort(time[:end], kind="stable")
-        if end - at == 1 or (ahead.size and time[end] - behind[-1] > 1.5 * usual):
+        few = end - at < FEWEST_SAMPLES or not np.ptp(np.searchsorted(time[:at], behind))  # or they fill a hole
+        if end - at == 1 or (few and ahead.size and time[end] - behind[-1] > 1.5 * usual):
             apart = [float(np.abs(time[:at] - one).min()) for one in behind]
             if min(apart) > 0.5 * usual and behind[0] > time[0]:
                 notes.append(f"{which} stood after a later one ({high:.6g} s): put back in order of time")
@@ -445,12 +447,16 @@ def mend_stamps(stamps: Array, rows: NDArray[np.int64]) -> _Mended:
             order = np.r_[order, end : time.size]
             time, places = time[order], places[order]
         elif (steps >= 0).all() and 0.5 * usual < float(np.median(steps)) < 2 * usual:
-            shift = high + usual - time[at]
+            back_s = high + usual - time[at]
+            cut = back_s > FEWEST_SAMPLES * usual and min(abs(back_s - one) for one in _OVERFLOWS_S) > 2 * usual
+            if cut and gaps != "split":
+                break
+            pause = FEWEST_SAMPLES * float(np.diff(time).max()) if cut else usual  # no step hides the cut
             notes.append(
-                f"the clock was set back by {shift:.6g} s at {which.partition(' and')[0]}: what follows is "
-                f"moved on, one step of {_time(usual)} behind the row before"
+                f"the clock was set back by {back_s:.6g} s at {which.partition(' and')[0]}: what follows is moved on, "
+                f"{'a gap' if cut else 'one step'} of {_time(pause)} behind the row before"
             )
-            time[at:] += shift
+            time[at:] += back_s - usual + pause
         else:
             break
     for mend in (_still, _repeated):
@@ -500,8 +506,8 @@ def _repeated(time: Array, rows: NDArray[np.int64]) -> _Mended:
 def mend_values(name: str, values: Array, unit: str, rows: NDArray[np.int64]) -> tuple[Array, list[str]]:
     """Return a response without failed reads (NaN in their place) and without turns, and notes on what was done.
 
-    values: finite, in `unit` (SI), shape (n,). name: of its column: an angle turns by its unit or its name, a counter
-    by its whole numbers.
+    values: finite, in `unit` (SI; of a plain number as it came in, "counts"), shape (n,). name: of its column: an angle
+    turns by its unit or its name, a counter by its whole numbers where unit or name say angle, encoder or count.
     """
     notes: list[str] = []
     if values.size <= FEWEST_SAMPLES or np.abs(values).max() > max(_COUNTERS):
@@ -545,10 +551,12 @@ def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
     They fill more than half a turn and no more than one, jump by more than half of it now and then, and move by less
     than a third of it else. Jumps there and back at once are no turns.
     """
-    counts = _COUNTERS if unit == "1" and bool((values == np.rint(values)).all()) else ()
+    whole, turning = bool((values == np.rint(values)).all()), unit == "1" and says(name, "angle")
+    counted = turning or _COUNTED.search(f"{name} {unit}" if unit == "1" else unit)
+    counts = _COUNTERS if whole and counted else ()
     angles: tuple[float, ...] = (2 * np.pi,) if unit == "rad" else ()
-    if unit == "1" and says(name, "angle"):
-        angles = (360.0,) if counts else (360.0, 2 * np.pi)
+    if turning:
+        angles = (360.0,) if whole else (360.0, 2 * np.pi)
     steps, span = np.diff(values), float(np.ptp(values))
     usual = float(np.quantile(np.abs(steps), 0.9))
     for turn in (*angles, *counts):
@@ -556,8 +564,8 @@ def _whole_turns(name: str, values: Array, unit: str) -> tuple[Array, float]:
         if not (0 < jumps.mean() < 0.25 and 0.5 * turn < span <= 1.001 * turn and usual < 0.3 * turn):
             continue
         back = jumps[:-1] & jumps[1:] & (np.sign(steps[:-1]) != np.sign(steps[1:]))
-        whole = np.unwrap(values, period=turn)
-        rest = np.abs(np.diff(whole))
+        unwrapped = np.unwrap(values, period=turn)
+        rest = np.abs(np.diff(unwrapped))
         if 2 * back.sum() <= 0.8 * jumps.sum() and rest[jumps].max() <= 2 * rest[~jumps].max() < turn:
-            return np.asarray(whole), turn
+            return np.asarray(unwrapped), turn
     return values, 0.0

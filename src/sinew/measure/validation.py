@@ -49,7 +49,7 @@ def as_seconds(values: Any, name: str = "time") -> Array:
     the first of them, durations seconds. Raises TimeError where a time is missing, RecordingError where they are none.
     """
     plain = _plain(values, name)
-    if plain.dtype.kind == "O" and plain.size and not _is_number(plain.flat[0]):
+    if plain.dtype.kind == "O" and plain.size and not isinstance(plain.flat[0], (int, float, np.number)):
         plain = _dates(plain, name)
     if plain.dtype.kind not in "mM":
         return as_numbers(plain, name)
@@ -85,10 +85,6 @@ def _plain(values: Any, name: str) -> NDArray[Any]:
         return np.asarray(values)
     except ValueError as error:  # rows of different length
         raise RecordingError(f"the {name} is no column of numbers ({error})") from error
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number))
 
 
 def _dates(values: NDArray[Any], name: str) -> NDArray[Any]:

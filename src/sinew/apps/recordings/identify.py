@@ -396,7 +396,7 @@ def _table_record(
     if request.gaps == "bridge" and timeline.diagnosis.gaps:
         _check_bridges(record)
     longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
-    notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
+    notes = [f"time: {note}" for note in timeline.notes] if len(timeline.notes) > 1 else []
     lines = (*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ()))
     record = replace(record, notes=lines, output_said=found.said["output"], input_said=found.said.get("input", ""))
     left_out = samples is not None and (samples[1] is None or record.size == samples[1] - samples[0])

@@ -29,24 +29,15 @@ from sinew.measure.files.names import (
     find_columns,
     listed,
     number_columns,
+    stated_step,
     time_columns,
     unit_suffix,
     unlike,
     with_unit,
 )
-from sinew.measure.files.text import (
-    MADE_TIME,
-    Opened,
-    Run,
-    noted,
-    notes_of,
-    open_text,
-    read_text,
-    stated_step,
-    with_time,
-)
+from sinew.measure.files.text import MADE_TIME, Opened, Run, noted, notes_of, open_text, read_text, with_time
 from sinew.measure.recording import SAMPLE_VARIABLES, SEGMENT_VARIABLES, segment_slices, validate_recording
-from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
+from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically, write_text
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
 _FEWEST_ROWS = 8  # of a run that a restart of the clock begins: fewer cannot be analysed
@@ -209,7 +200,7 @@ def _runs_of(columns: Sequence[_Column], *, apart: bool = False) -> tuple[Run, .
     all_names = [column.name for column in columns]
     apart = apart or (len(set(all_names)) < len(all_names) and max(map(len, groups.values())) > 1)
     if len(groups) > 1 and one_length and not apart:
-        whole = [replace(column, name=f"{column.group}/{column.name}".lstrip("/")) for column in columns]
+        whole = [replace(column, name=f"/{column.group}/{column.name}".replace("//", "")) for column in columns]
         return (Run("", _table_of(whole)),)
     return tuple(Run(name, _table_of(group)) for name, group in groups.items())
 
@@ -331,10 +322,11 @@ def _open_zip(path: Path) -> Opened:
 
 
 def _cell(cell: Any) -> str:
-    """Return a cell of a sheet as text: numbers in full, dates and times by ISO 8601."""
+    """Return a cell of a sheet as text: numbers in full, dates and times by ISO 8601, and no mark begins a comment."""
     if isinstance(cell, float):
         return repr(cell)
-    return cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).split())
+    text = cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).split())
+    return '"{}"'.format(text.replace('"', '""')) if re.search(r'[#"]|^(%|//)', text) else text
 
 
 def _open_parquet(path: Path) -> Opened:
@@ -352,7 +344,7 @@ def _plain(table: Table) -> Table:
 
 
 def _open_json(path: Path) -> Opened | None:
-    """Return the longest list of samples in a JSON file, or its lines of objects; None where it is no JSON."""
+    """Return the lists of a JSON file with the columns of the longest, or its lines of objects; None of no JSON."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         tree = json.loads(text)
@@ -363,11 +355,18 @@ def _open_json(path: Path) -> Opened | None:
             if text.lstrip().startswith("{"):
                 raise FileError(f"{path} begins as JSON but cannot be read, it is cut short ({error})") from error
             return None
-    name, table = max(_lists(tree), key=lambda found: len(found[1]), default=("", pd.DataFrame()))
-    if len(table) < 2:
+    lists = list(_lists(tree))
+    longest = max((table for _, table in lists), key=len, default=pd.DataFrame())
+    if len(longest) < 2:
         raise FileError(f"{path} is JSON without a list of samples; write its samples as a table")
-    note = f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"
-    return Opened("JSON", (Run("", noted(_plain(table), note)),))
+    alike = {name: table for name, table in lists if len(table) > 1 and set(table.columns) == set(longest.columns)}
+    left = [repr(name) for name, _ in lists if name not in alike]
+    runs = []
+    for name, table in alike.items():
+        notes = [f"the samples are {name!r} of the JSON" if name else "the samples are the list of the JSON"]
+        notes += [f"lists with other columns are left out: {listed(left)}"] if left else []
+        runs.append(Run(name if len(alike) > 1 else "", noted(_plain(table), *notes)))
+    return Opened("JSON", tuple(runs))
 
 
 def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
@@ -382,7 +381,10 @@ def _lists(tree: Any, name: str = "") -> Iterator[tuple[str, Table]]:
         flat = {key: one for key, one in flat.items() if not isinstance(one[0], Mapping)}
         sizes = [len(one) for one in flat.values()]
         if sizes:
-            yield name, pd.DataFrame({key: one for key, one in flat.items() if len(one) == max(sizes, key=sizes.count)})
+            usual = max(sizes, key=sizes.count)
+            table = pd.DataFrame({key: one for key, one in flat.items() if len(one) == usual})
+            left = [key for key, one in flat.items() if len(one) != usual]
+            yield name, noted(table, f"lists of another length are left out: {listed(left)}") if left else table
         for key, one in tree.items():
             if key not in flat:
                 yield from _lists(one, f"{name}.{key}".lstrip("."))
@@ -561,11 +563,6 @@ def export_recording(recording: xr.Dataset, path: Path | str, to: str) -> None:
     EXPORTS[to](validate_recording(recording), as_path(path))
 
 
-def _export_csv(recording: xr.Dataset, path: Path) -> None:
-    frame = flat_table(recording)
-    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False))
-
-
 def flat_table(recording: xr.Dataset) -> pd.DataFrame:
     """Return a recording as one table: a row for each sample, a column for each channel and property of segments."""
     sizes = recording["row_size"].values
@@ -668,6 +665,12 @@ def _export_mcap(recording: xr.Dataset, path: Path) -> None:
     write_atomically(path, write)
 
 
+_ZERO_IN_UFF = (
+    *("binary", "abscissa_spacing"),  # text, for the library reads some binary sets back wrongly; with the times
+    *("rsp_dir", "ref_node", "ref_dir", "ordinate_spec_data_type", "orddenom_spec_data_type", "z_axis_spec_data_type"),
+)
+
+
 def _export_uff(recording: xr.Dataset, path: Path) -> None:
     pyuff = library(path, "pyuff", "pyuff", "a universal file", "writes")
     frame = flat_table(recording)
@@ -679,7 +682,6 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
         for node, name in enumerate(channels, start=1):
             data = {
                 "type": 58,
-                "binary": 0,  # of binary sets the library reads some back wrongly
                 "func_type": 1,  # a time response
                 "ver_num": int(segment) + 1,
                 "id1": name,
@@ -687,22 +689,15 @@ def _export_uff(recording: xr.Dataset, path: Path) -> None:
                 "id3": f"time 0 is {float(rows['time_s'].iloc[0])!r} s of the recording",
                 "data": rows[name].to_numpy(dtype=float),
                 "x": (rows["time_s"] - rows["time_s"].iloc[0]).to_numpy(),
-                "abscissa_spacing": 0,  # the times are written, too
                 "rsp_node": node,
-                "rsp_dir": 0,
-                "ref_node": 0,
-                "ref_dir": 0,
                 "abscissa_spec_data_type": 17,  # time
-                "ordinate_spec_data_type": 0,
-                "orddenom_spec_data_type": 0,
-                "z_axis_spec_data_type": 0,
             }
-            sets.append(data)
+            sets.append(dict.fromkeys(_ZERO_IN_UFF, 0) | data)
     write_atomically(path, lambda temporary: pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite"))
 
 
 EXPORTS: dict[str, Callable[[xr.Dataset, Path], None]] = {
-    "csv": _export_csv,
+    "csv": lambda recording, path: write_text(path, flat_table(recording).to_csv(index=False)),
     "mat": _export_mat,
     "parquet": _export_parquet,
     "uff": _export_uff,

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.errors import RecordingError, UnitError
-from sinew.measure.units import canonical_unit
+from sinew.measure.units import canonical_unit, convert
 
 Table: TypeAlias = pd.DataFrame
 """One column for each field, with the names as the file has them (duplicates stay)."""
@@ -32,7 +32,7 @@ _UNIT_WORDS = (
 _UNITS = frozenset(_UNIT_WORDS.split())  # behind a stroke, a comma, a colon, a point or "in"
 _WORDS_OF_UNITS = frozenset(("g", "G", "mg", "°C", "degC", "dB", "-", "--", "1", "counts", "count", "LSB", "raw"))
 _BRACKET = re.compile(r"\s*[\[(]([^\[\]()]*)[\])]\s*$")
-_BEHIND = re.compile(r"^(.*[^\s,;:/._])(?:\s*[,;:/]\s*|\s+in\s+|\.|_)([^\s,;:_.]+)$")
+_BEHIND = re.compile(r"^(.*[^\s,;:/._])(?:\s*[,;:]\s*|\s+in\s+|\.|_)([^\s,;:_.]+)$")
 
 
 class Said(NamedTuple):
@@ -47,6 +47,7 @@ def quantity(name: str) -> Said:
     """Return the words of a column's name and the unit that it states.
 
     Every usual form is read: "x [mm]", "x (mm)", "x/mm", "x, mm", "x:mm", "x in mm", "x.mm", "x_mm", "micros()".
+    A path begins with a stroke, and its last name is no unit: "/scope/A".
     """
     bracket = _BRACKET.search(name)
     words = name[: bracket.start()].strip() if bracket else name.strip()
@@ -73,6 +74,27 @@ def unit_in_name(column: str) -> str | None:
     return quantity(column).unit
 
 
+_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratek?hz|fshz", re.I)
+_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|sampleinterval|deltat|deltax", re.I)
+
+
+def stated_step(name: str, number: float, unit: str = "") -> float | None:
+    """Return the sampling step [s] that a number states by its name, as "fs (kHz)" or "Delta_X"; None without.
+
+    unit: stated apart from the name. None too where the unit is not understood: then the rate is asked for.
+    """
+    said = quantity(name)
+    word = re.sub(r"[\s_:]|[\[(].*", "", said.words)
+    unit = re.sub(r"(samples?|sa?)(/s(ec)?|ps)$", "Hz", said.unknown or said.unit or unit, flags=re.I)  # "kS/s" is kHz
+    is_rate = _RATES.fullmatch(word) or _RATES.fullmatch(word + unit)
+    if not 0 < number < float("inf") or not (is_rate or _STEPS.fullmatch(word)):
+        return None
+    try:
+        return 1.0 / (number * convert(unit or "Hz", "Hz")) if is_rate else number * convert(unit or "s", "s")
+    except UnitError:
+        return None
+
+
 def unit_suffix(unit: str) -> str | None:
     """Return the suffix that states a unit in a name ("rad/s" gives "rad_s"), or None where there is none."""
     return next((suffix for suffix, stated in _SUFFIXES.items() if stated == unit), None)
@@ -86,21 +108,19 @@ def _is_read(unit: str) -> bool:
     return True
 
 
-def is_unit(text: str) -> bool:
-    """Return whether a cell of a line of units may be one: also what pint finds ambiguous, or without a zero."""
-    bare = text.strip().strip("[]()").strip()
-    if not bare or bare in _WORDS_OF_UNITS or bare.lower() in _CLOCKS or bare in _UNITS:
-        return True
-    return _is_read(bare) or _is_read(bare.lower())
-
-
 def are_units(cells: Sequence[str]) -> bool:
-    """Return whether a line holds units and nothing else: one of time, two in common use, or all in brackets."""
+    """Return whether a line holds units and nothing else: one of time, two in common use, or all in brackets.
+
+    A unit is also what pint finds ambiguous, or without a zero.
+    """
     texts = [cell.strip() for cell in cells if cell.strip()]
     bare = [text.strip("[]()").strip() for text in texts]
+    known = {"", *_WORDS_OF_UNITS, *_UNITS, *(text for text in bare if text.lower() in _CLOCKS)}
     boxed = all(text[0] in "[(" and text[-1] in ")]" for text in texts)
     sure = any(text.lower() in _CLOCKS for text in bare) or (len(bare) > 1 and _UNITS.issuperset(bare))
-    return bool(texts) and (boxed or sure) and all(map(is_unit, texts))
+    return (
+        bool(texts) and (boxed or sure) and all(one in known or any(map(_is_read, (one, one.lower()))) for one in bare)
+    )
 
 
 def with_unit(name: str, unit: str | None) -> str:
@@ -191,13 +211,13 @@ def role_of(name: str) -> Role:
 def over_frequency(table: Table) -> str | None:
     """Return the column that makes a table one over frequency and no record over time: its first; None of others.
 
-    By its name or its unit; or all others are called psd, fft, phase and so on.
+    By its name or its unit; or all others are called psd, fft, phase and so on. A first column of times makes none.
     """
     names = list(map(str, table.columns))
-    if len(names) < 2 or not len(table):
+    if len(names) < 2 or not len(table) or is_time_name(names[0]):
         return None
     first = quantity(names[0])
-    if not is_time_name(names[0]) and (says(names[0], "frequency") or first.unit in ("Hz", "kHz")):
+    if says(names[0], "frequency") or first.unit in ("Hz", "kHz"):
         rising = pd.to_numeric(table.iloc[:, 0], errors="coerce").dropna().diff().dropna()
         return names[0] if len(rising) and (rising >= 0).mean() > 0.9 else None
     return names[0] if all(says(name, "spectrum") for name in names[1:]) else None

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -30,9 +30,6 @@ from sinew.measure.recording import (
     validate_results,
 )
 from sinew.measure.validation import as_path, refuse_beyond_memory, write_atomically
-
-if TYPE_CHECKING:
-    pass
 
 # A dataset says what it was made from: rig, plan, versions, seed and content hash.
 

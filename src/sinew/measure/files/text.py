@@ -11,8 +11,8 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,16 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.arrays import Mask
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.files.names import Table, are_units, repeats_itself, split_labels, time_columns, unlike, with_unit
+from sinew.measure.files.names import (
+    Table,
+    are_units,
+    repeats_itself,
+    split_labels,
+    stated_step,
+    time_columns,
+    unlike,
+    with_unit,
+)
 from sinew.measure.validation import refuse_beyond_memory
 
 MADE_TIME = "time [s]"
@@ -43,8 +52,6 @@ STAMP = re.compile(
     r"|\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
 )
 """A date, a date with a time, or the time of a clock."""
-_RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplingfrequency|fsamp|ratehz|fshz", re.I)
-_STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|sampleinterval|deltat|deltax", re.I)
 
 
 @dataclass(frozen=True)
@@ -73,14 +80,6 @@ def noted(table: Table, *notes: str) -> Table:
     fresh = table.copy(deep=False)
     fresh.attrs = {**table.attrs, "notes": (*notes_of(table), *notes)}
     return fresh
-
-
-def stated_step(name: str, number: float) -> float | None:
-    """Return the sampling step [s] that a number states by its name, as "fs" or "Delta_X"; None without."""
-    word = re.sub(r"[\s_:]|[\[(].*", "", name)
-    if not 0 < number < np.inf:
-        return None
-    return 1.0 / number if _RATES.fullmatch(word) else number if _STEPS.fullmatch(word) else None
 
 
 def with_time(table: Table, step_s: float, start_s: float = 0.0) -> Table:
@@ -126,13 +125,18 @@ def read_text(
         raise _no_table(source)
     header = layout.header.strip()
     again = [k for k in range(start, len(lines)) if lines[k].strip() == header] if header and header in text else []
-    tables = []
+    tables, between, own = [], list[str](), layout
     for first, last in pairwise([start - 1, *again, len(lines)]):
         part = lines[first + 1 : last]
-        while last < len(lines) and part and not spoken.is_row(part[-1], alike=True):  # it stands above the next header
+        if any(sum(map(bool, spoken.cells(line))) > 1 for line in between):  # a segment with facts of its own
+            top = [*lines[: lines.index(layout.header)], *between, lines[first]]
+            top += takewhile(lambda line: not spoken.is_row(line), part)
+            own = replace(_named(source, spoken, [*top, *part], len(top)), notes=layout.notes)
+        while last < len(lines) and part and not spoken.is_row(part[-1], lines[start]):  # it is above the next header
             part.pop()
+        between = lines[first + 1 + len(part) : last]
         if any(map(spoken.is_row, part)):
-            tables.append(_parsed(source, part, spoken, layout))
+            tables.append(_parsed(source, part, spoken, own))
     if len(tables) > 1:
         runs = [(f"part {k}", noted(one, "its header is repeated")) for k, one in enumerate(tables, start=1)]
     else:
@@ -200,16 +204,17 @@ class _Dialect:
             return cell.replace(self.thousands, "").replace(self.decimal, ".")
         return cell
 
-    def is_row(self, line: str, alike: bool = False) -> bool:
+    def is_row(self, line: str, like: str = "") -> bool:
         """Return whether a line is a row of numbers: one at least, and no text in a column of numbers.
 
-        alike: nor anything in a column that is empty elsewhere.
+        like: a sure row; nor anything in a column that is empty elsewhere, or a word in front where that has none.
         """
         cells = [] if _is_comment(line) else self.cells(line)
         if not any(cells) or abs(len(_fields(line, self.separator)) - self.width) > 1:
             return False
         own = [cells[k] for k in self.solid if cells[k]]
-        free = not alike or not any(cells[k] for k in self.empty)
+        worded = 0 not in self.solid and _LETTER.match(line) and not _LETTER.match(like)
+        free = not like or not (worded or any(cells[k] for k in self.empty))
         return bool(own) and free and all(is_value(cell, self.decimal, self.thousands) for cell in own)
 
     def start(self, lines: Sequence[str]) -> int:
@@ -358,7 +363,7 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
         units = ["s", *facts["Y_Unit_Label"], *[""] * len(names)]
         names = [with_unit(name, unit) for name, unit in zip(names, units, strict=False)]
     elif upper_at is not None and len(set(filter(None, upper))) < spoken.width:
-        at, filled = upper_at, _filled(upper)
+        at, filled = upper_at, [next(filter(None, upper[k::-1]), "") for k in range(len(upper))]  # merged cells
         if repeats_itself(filled, names):
             labels = tuple(filled)
         else:
@@ -374,8 +379,10 @@ def _named(source: str, spoken: _Dialect, lines: Sequence[str], start: int) -> _
 
 
 def _stated(spoken: _Dialect, name: str, cells: Sequence[str]) -> float | None:
-    first = cells[0].replace(spoken.decimal, ".")
-    return stated_step(name, float(first)) if _PATTERNS[".", ""].fullmatch(first) else None
+    """Return the step [s] that a line above states, its unit in the name, behind the number, or in the next cell."""
+    first, _, unit = " ".join(cells[:2]).replace(spoken.decimal, ".").partition(" ")
+    unit = unit if _LETTER.match(unit) else ""
+    return stated_step(name, float(first), unit) if _PATTERNS[".", ""].fullmatch(first) else None
 
 
 def _skipped(lines: int) -> tuple[str, ...]:
@@ -409,15 +416,6 @@ def _scope_names(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     names[3] = with_unit("time", facts.get("Horizontal Units") or "s")
     names[4] = with_unit(facts.get("Source") or "5", facts.get("Vertical Units"))
     return tuple(names)
-
-
-def _filled(cells: Sequence[str]) -> list[str]:
-    """Return labels over columns, merged cells filled from the left."""
-    found, last = [], ""
-    for cell in cells:
-        last = cell or last
-        found.append(last)
-    return found
 
 
 # From the text of the rows to numbers.
