@@ -16,7 +16,7 @@ from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
 
-from sinew.apps.bench.run_control import listening, send_control
+from sinew.apps.bench.run_control import CONTROL, listening, send_control
 from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.run_desk import RESUMED, ending_sentence, spawn
 from sinew.bench.stops import Steering, StopReport
@@ -239,6 +239,25 @@ def test_a_run_that_was_begun_in_a_terminal_is_told_and_an_emergency_stops_it(tm
         True,
         "the run by-hand, begun in a terminal: nothing has moved, and the run will not start",
     )
+
+
+@pytest.mark.parametrize("bench", ["emulator", None])
+def test_an_emergency_is_not_done_where_a_run_in_a_terminal_does_not_confirm(tmp_path: Path, bench: str | None) -> None:
+    silent = threading.Event()
+
+    def control(*_: object, **__: object) -> dict[str, Any]:
+        if silent.is_set():
+            raise PortError("nobody listens")
+        return {"ok": True}
+
+    folder = run_folder(tmp_path / "runs" / "by-hand", ())
+    (folder / CONTROL).touch()
+    with serving(tmp_path / "runs", bench=bench, port=None, control=control) as served:
+        until(lambda: served.status()["elsewhere"])
+        silent.set()
+        outcome = served.steward._emergency.order(None, served.steward.port, served.steward._spec).end.result()
+    assert not outcome.is_safe
+    assert outcome.sentence == "the run by-hand, begun in a terminal: it does not answer; switch the supply off"
 
 
 def test_a_command_ends_with_whoever_began_it(tmp_path: Path) -> None:

@@ -529,8 +529,9 @@ class Emergency:
             if not await_end(run.process, _DIES_S):
                 return False, f"the run {run.name} does not end (process {run.process.pid}); switch the supply off"
             before = f"the run {run.name} did not confirm and was ended; "
-        there = self._elsewhere() if run is None else None
-        said = self._ask(there) if there is not None else None
+        by_hand = self._ask_by_hand() if run is None else None
+        if by_hand is not None and (port is None or self._is_emulated):  # only that run can have motors that move
+            return by_hand
         if port is None:
             what = "emulated bench is there" if self._is_emulated else "bench is connected here"
             return bool(before) or self._is_emulated, f"{before}no {what}, so no motor was told anything"
@@ -543,9 +544,7 @@ class Emergency:
         try:
             report = self._rest(port, rig, state, tell_frozen, lambda: order.is_emergency)
         except SinewError as trouble:
-            if there is not None and said is not None:  # that run holds the port
-                return said[0], f"the run {there.name}, begun in a terminal: {said[1]}"
-            return False, f"{before}{trouble}; switch the supply off"
+            return by_hand or (False, f"{before}{trouble}; switch the supply off")  # that run holds the port
         return report.is_safe, f"{before}{report.sentence()}"
 
     def _confirmed(self, folder: Path, process: Process) -> str | None:
@@ -562,6 +561,14 @@ class Emergency:
             if time.monotonic() >= end or await_end(process, _AGAIN_S):
                 break
         return None
+
+    def _ask_by_hand(self) -> tuple[bool, str] | None:
+        """Return what a run that was begun in a terminal says of an emergency; None where there is none."""
+        folder = self._elsewhere()
+        if folder is None:
+            return None
+        is_safe, sentence = self._ask(folder) or (False, "it does not answer; switch the supply off")
+        return is_safe, f"the run {folder.name}, begun in a terminal: {sentence}"
 
     def _ask(self, folder: Path) -> tuple[bool, str] | None:
         """Return what a run answers within the time it has: whether the motors stand, and a sentence; else None.
