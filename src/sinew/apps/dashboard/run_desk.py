@@ -111,10 +111,14 @@ def read_specs(plan: str, rig: str) -> Specs:
 
 
 class BenchPort(NamedTuple):
-    """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s]."""
+    """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s].
+
+    trouble: says why there will be no port, or None.
+    """
 
     port: str
     wait_s: float = 0.0
+    trouble: Callable[[], str | None] = lambda: None
 
 
 LOG = "run.log"
@@ -140,6 +144,7 @@ class Run:
     process: Process
     started: float
     specs: Specs
+    bench: BenchPort
 
     @property
     def name(self) -> str:
@@ -168,10 +173,10 @@ def running_elsewhere(runs: Path, control: Control) -> Path | None:
     return None
 
 
-def ending_sentence(folder: Path) -> str | None:
-    """Return how a run that has ended says that it ended, or None where it said nothing."""
+def ending_sentence(folder: Path, log: str = LOG) -> str | None:
+    """Return how a run, or what writes another log, says that it ended, or None where it said nothing."""
     try:
-        with open_inside(folder.parent, folder / LOG) as file:
+        with open_inside(folder.parent, folder / log) as file:
             file.seek(max(0, os.fstat(file.fileno()).st_size - _MOST_LOG))
             lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
     except (OSError, SinewError):
@@ -252,12 +257,11 @@ class RunDesk:
         """
 
         def prepare() -> tuple[Path, Specs, BenchPort]:
-            specs = read_specs(plan, rig)
-            bench_port, folder = bench(specs), self._runs / require_run_name(name)
-            try:
-                folder.mkdir()
-            except FileExistsError:
-                raise RefusedError(409, f"there is a run {name} already; choose another name") from None
+            specs, folder = read_specs(plan, rig), self._runs / require_run_name(name)
+            if os.path.lexists(folder):
+                raise RefusedError(409, f"there is a run {name} already; choose another name")
+            bench_port = bench(specs)
+            folder.mkdir()
             _write_texts(folder, plan, rig)
             return folder, specs, bench_port
 
@@ -296,7 +300,7 @@ class RunDesk:
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
-                    self.run, self.rig = Run(folder, process, time.time(), specs), specs.rig
+                    self.run, self.rig = Run(folder, process, time.time(), specs, bench_port), specs.rig
                     self._status, self.newest_s = {"state": "starting", "sentence": ""}, time.time()
             if is_late:
                 end_process(process, 0.0, signal.SIGKILL)
@@ -343,12 +347,13 @@ class RunDesk:
         while not self._over.wait(_LOOK_S):
             looks += 1
             run = self.run
+            trouble = run.bench.trouble() if run is not None and self._status["state"] == "starting" else None
             if run is None:
                 if looks % _ASK_EVERY == 0:
                     self.elsewhere = running_elsewhere(self._runs, self._control)
             elif (status := run.process.poll()) is not None:
                 let_go(run.process)
-                how = (
+                how = trouble or (
                     f"the run was ended by {signal.Signals(-status).name}"
                     if status < 0
                     else ending_sentence(run.folder)
@@ -356,6 +361,8 @@ class RunDesk:
                 status_now = {"state": "ended", "sentence": how or "the run has ended"}
                 self.last = run.document(status_now) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
                 self.run = None
+            elif trouble is not None:
+                end_process(run.process, _DIES_S)  # it waits for the port
             elif looks % _ASK_EVERY == 0:
                 self._ask(run)
 

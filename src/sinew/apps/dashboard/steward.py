@@ -41,7 +41,9 @@ from sinew.apps.dashboard.run_desk import (
     await_end,
     bring_to_rest,
     end_process,
+    ending_sentence,
     let_go,
+    running_elsewhere,
     sinew_command,
     spawn,
 )
@@ -62,7 +64,7 @@ class BenchEmulator:
     """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
-        self._folder, self._command = folder, command
+        self._folder, self._command, self._log = folder, command, folder / "emulator.log"
         self._process: Process | None = None
         self.port = str(folder / "port")
 
@@ -85,7 +87,15 @@ class BenchEmulator:
         rig.write_text(dump_rig(spec), encoding="utf-8")
         words = ["emulate", "--link", self.port, "--rig", str(rig), "--seed", str(seed)]
         words += ["--truth", str(self._folder / "truth.json"), "--force", "--json"]
-        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._folder / "emulator.log")
+        self._log.unlink(missing_ok=True)
+        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._log)
+
+    def trouble(self) -> str | None:
+        """Return why it has ended, with the last it said; None where it goes on."""
+        if self._process is None or self._process.poll() is None:
+            return None
+        said = ending_sentence(self._folder, self._log.name) or "it says nothing"
+        return f"the emulated bench has ended: {said}; see {self._log}"
 
     def close(self) -> None:
         """End the emulator."""
@@ -366,7 +376,7 @@ class Steward:
     def _free_bench(self, specs: Specs) -> BenchPort:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun for the run, which waits for it.
+        An emulated one is begun for the run, which waits for it; not under a run in a terminal, which may use it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
@@ -380,8 +390,10 @@ class Steward:
                 f"the rig {specs.rig.name} has no [space], so its emulated head cannot bend; choose one that has the "
                 "masses of head and lever",
             )
+        if by_hand := running_elsewhere(self.runs, self.settings.control):
+            raise RefusedError(409, f"the run {by_hand.name}, begun in a terminal, may use the bench; end it first")
         self._emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
-        return BenchPort(self.port, _ANEW_S)
+        return BenchPort(self.port, _ANEW_S, self._emulator.trouble)
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, or bring a bench without one to rest; return a sentence.
