@@ -282,7 +282,8 @@ def put_in_library(runs: Path, kind: str, name: str, text: str, *, replace: bool
     except OSError as error:
         raise RefusedError(409, f"cannot write among the {kind}: {error.strerror}; see {folder}") from error
     finally:
-        made.unlink(missing_ok=True)
+        with suppress(OSError):
+            made.unlink(missing_ok=True)
     return f"{file} is in the library of {kind}"
 
 
