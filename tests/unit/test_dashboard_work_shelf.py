@@ -57,7 +57,7 @@ def test_nothing_is_written_beside_the_library(name: str, tmp_path: Path) -> Non
 
 def test_a_library_that_is_no_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "plans").touch()
-    with pytest.raises(RefusedError, match="cannot write among the plans"):
+    with pytest.raises(RefusedError, match=r"cannot write .*mine\.toml"):
         put_in_library(tmp_path, "plans", "mine", "x")
 
 

@@ -305,8 +305,6 @@ class RunDesk:
             if is_late:
                 end_process(process, 0.0, signal.SIGKILL)
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
-        except SpecError as trouble:
-            raise RefusedError(422, str(trouble)) from trouble
         except OSError as trouble:
             raise RefusedError(
                 409, f"cannot begin a run in {self._runs}: {trouble.strerror}; make space, or choose other --runs"
@@ -314,7 +312,7 @@ class RunDesk:
         except RefusedError:
             raise
         except SinewError as trouble:
-            raise RefusedError(409, str(trouble)) from trouble
+            raise RefusedError(422 if isinstance(trouble, SpecError) else 409, str(trouble)) from trouble
         finally:
             self._is_starting = False
         return sentence

@@ -48,13 +48,13 @@ from sinew.apps.dashboard.run_desk import (
     spawn,
 )
 from sinew.apps.dashboard.work.runs import put_in_library
-from sinew.measure.errors import FileError, SinewError, SpecError
+from sinew.measure.errors import FileError, SpecError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 
 _ANEW_S = 180.0  # until the port of an emulator is there, on a busy computer; in space it compiles for some seconds
 _END_S = 5.0
-_LOOK_S = 0.05
+_LOOK_S = 0.1
 
 
 class BenchEmulator:
@@ -108,7 +108,6 @@ class BenchEmulator:
 # It gets what it needs to know as one line of JSON on its stdin, for arguments and environments can be read by others;
 # that its stdin ends is its sign that nobody needs it any more.
 
-_PAGE_LOOK_S = 0.1
 _PATIENCE_S = 3.0
 _RESTS_S = (0.3, 60.0)
 """Before a page server is begun again: at first, and at most; the rest doubles each time that it never answered [s]."""
@@ -155,7 +154,7 @@ class PageProcess:
                 self._process = spawn(self._command, self._log)
                 assert self._process.stdin is not None
                 self._process.stdin.write(json.dumps(self._config).encode() + b"\n")
-            while self.pid is not None and not self._over.wait(_PAGE_LOOK_S):
+            while self.pid is not None and not self._over.wait(_LOOK_S):
                 if self.state != "up" and self._answers():
                     self.state, rest_s = "up", _RESTS_S[0]
             if self._process is not None and self.pid is None:
@@ -166,7 +165,7 @@ class PageProcess:
 
     def _answers(self) -> bool:
         try:
-            with socket.create_connection(self._address, timeout=_PAGE_LOOK_S):
+            with socket.create_connection(self._address, timeout=_LOOK_S):
                 return True
         except OSError:
             return False
@@ -468,10 +467,8 @@ class Steward:
         run = self._desk.run
         if run is None or run.process.poll() is not None:
             return
-        try:
-            self.settings.control(run.folder, "stop", timeout_s=1.0)
-        except SinewError:
-            run.process.terminate()  # it does not listen; a signal reaches it
+        with suppress(RefusedError):
+            self._desk.tell("stop")
         end = time.monotonic() + _RUN_ENDS_S
         while run.process.poll() is None and time.monotonic() < end and not self.hurry.wait(_LOOK_S):
             pass
