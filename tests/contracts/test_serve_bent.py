@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 from tests.contracts import fake_run
 from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+from tests.unit.dashboard_journal import run_folder
 
+from sinew.apps.bench.run_control import listening
+from sinew.bench.stops import Steering
 from sinew.plan.toml import dump_rig, load_rig
 
 BENT = "[pose]\nbend_deg = 20\nazimuth_deg = 90\n"
@@ -80,6 +83,29 @@ def test_an_emergency_while_the_bench_is_begun_ends_the_run_and_asks_no_port(
     assert outcome.is_safe
     assert "no motor was told anything" in outcome.sentence
     assert served.bench.stops == []
+
+
+def test_an_emulator_that_ends_at_once_is_said(tmp_path: Path) -> None:
+    def command(*words: str) -> list[str]:
+        code = "import time; time.sleep(600)" if words[0] == "run" else "raise SystemExit('no such rig')"
+        return [sys.executable, "-S", "-c", code]
+
+    with serving(tmp_path / "runs", bench="emulator", port=None, command=command) as served:
+        served.page().starts()
+        sentence = until(lambda: served.status()["last"])["sentence"]
+    assert sentence.startswith("the emulated bench has ended: no such rig; see ")
+
+
+def test_a_start_leaves_the_emulated_bench_to_a_run_in_a_terminal(served: Served, commands: Commands) -> None:
+    with listening(run_folder(served.runs / "by-hand", ()), Steering(lambda: 0.0)):
+        said = served.page().starts()
+    assert (said.status_code, "by-hand, begun in a terminal" in said.json()["sentence"]) == (409, True)
+    assert commands.emulated == []
+
+
+def test_a_name_that_is_taken_leaves_the_emulated_bench_alone(served: Served, commands: Commands) -> None:
+    (served.runs / "one").mkdir()
+    assert (served.page().starts("one").status_code, commands.emulated) == (409, [])
 
 
 def test_where_no_emulated_bench_was_begun_an_emergency_finds_nothing_that_moves(served: Served) -> None:

@@ -14,9 +14,9 @@ from tests.contracts import fake_run
 from tests.contracts.serving import PATIENCE, RIG, TOKEN, Served, fake_command, plan, serving, until
 from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
-from tests.unit.dashboard_journal import PLAN_TEXT, run_folder
+from tests.unit.dashboard_journal import GROUPS, PLAN_TEXT, run_folder
 
-from sinew.apps.bench.run_control import listening, send_control
+from sinew.apps.bench.run_control import CONTROL, listening, send_control
 from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.run_desk import RESUMED, ending_sentence, spawn
 from sinew.bench.stops import Steering, StopReport
@@ -90,6 +90,23 @@ def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> Non
     answer = served.page().says("continue", **({} if name is None else {"name": name}))
     assert answer.status_code in (404, 409, 422)
     assert served.status()["run"] is None
+
+
+def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
+    cut_off(served)
+    served.page().says("continue", name="one")
+    until(lambda: served.runs_as("running"))
+    os.kill(served.status()["run"]["pid"], signal.SIGKILL)
+    last = until(lambda: served.status()["last"])
+    assert (last["complete"], last["can_resume"], last["groups_done"], last["groups"]) == (False, True, 2, GROUPS)
+    assert "SIGKILL" in last["sentence"]
+
+
+def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:
+    page = served.page()
+    page.starts()
+    assert page.says("stop").status_code == 200
+    assert until(lambda: served.status()["last"])["name"] == "one"
 
 
 def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
@@ -239,6 +256,25 @@ def test_a_run_that_was_begun_in_a_terminal_is_told_and_an_emergency_stops_it(tm
         True,
         "the run by-hand, begun in a terminal: nothing has moved, and the run will not start",
     )
+
+
+@pytest.mark.parametrize("bench", ["emulator", None])
+def test_an_emergency_is_not_done_where_a_run_in_a_terminal_does_not_confirm(tmp_path: Path, bench: str | None) -> None:
+    silent = threading.Event()
+
+    def control(*_: object, **__: object) -> dict[str, Any]:
+        if silent.is_set():
+            raise PortError("nobody listens")
+        return {"ok": True}
+
+    folder = run_folder(tmp_path / "runs" / "by-hand", ())
+    (folder / CONTROL).touch()
+    with serving(tmp_path / "runs", bench=bench, port=None, control=control) as served:
+        until(lambda: served.status()["elsewhere"])
+        silent.set()
+        outcome = served.steward._emergency.order(None, served.steward.port, served.steward._spec).end.result()
+    assert not outcome.is_safe
+    assert outcome.sentence == "the run by-hand, begun in a terminal: it does not answer; switch the supply off"
 
 
 def test_a_command_ends_with_whoever_began_it(tmp_path: Path) -> None:

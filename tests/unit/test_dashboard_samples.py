@@ -75,6 +75,13 @@ def test_the_torsion_goes_on_from_piece_to_piece(folder: Path) -> None:
     assert np.abs(np.diff(torsion)).max() < 1.05 * np.abs(np.diff(expected)).max()
 
 
+def test_a_long_piece_comes_little_by_little(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples._part.cache_clear()
+    monkeypatch.setattr(samples, "monotonic", lambda: float(samples._part.cache_info().misses))  # a part takes a second
+    shares = [json.loads(samples.samples_piece(str(folder), 10, 0))["share"] for _ in range(4)]
+    assert shares == [0.25, 0.5, 0.75, 1.0]
+
+
 def test_a_run_that_was_taken_up_again_goes_on_a_second_later(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite"
     for opened, began in ((False, 900.0), (True, 40.0)):  # the clock of a computer that was begun anew

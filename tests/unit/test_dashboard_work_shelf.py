@@ -55,6 +55,12 @@ def test_nothing_is_written_beside_the_library(name: str, tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["plans", "secret.toml"]
 
 
+def test_a_library_that_is_no_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "plans").touch()
+    with pytest.raises(RefusedError, match=r"cannot write .*mine\.toml"):
+        put_in_library(tmp_path, "plans", "mine", "x")
+
+
 def test_a_library_that_is_a_link_is_not_written(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "plans").symlink_to(tmp_path / "elsewhere")

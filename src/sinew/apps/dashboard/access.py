@@ -81,16 +81,8 @@ class Access:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this computer reaches the page."""
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host.lower() == "localhost"
-
-    @property
-    def must_sign_in(self) -> bool:
-        """Whether even looking takes a session or the token: others than this computer's users may reach the page."""
-        return not self.is_loopback
+        """Whether only this computer reaches the page; else even looking takes a session or the token."""
+        return self.host.lower() == "localhost" or _is_local(self.host)
 
     @property
     def steering_port(self) -> int:
@@ -129,7 +121,7 @@ class Access:
 
     def token_is_right(self, given: str) -> bool:
         """Return whether this is the token; takes as long for a wrong one."""
-        return _same(self.token, given)
+        return hmac.compare_digest(_octets(self.token), _octets(given))
 
     def new_session(self) -> str:
         """Return the value of a new session's cookie: `<id>.<now>.<signature>`."""
@@ -257,14 +249,19 @@ class Gate:
                 421, "found another Host than the dashboard's, expected the name that `sinew serve` printed"
             )
         origins = headers.getlist("origin")
-        if _may_change(connection.scope) and not (
+        may_change = connection.scope["type"] == "websocket" or connection.scope["method"] not in ("GET", "HEAD")
+        if may_change and not (
             all(map(access.origin_is_ours, origins)) and (origins or access.bearer_is_right(connection))
         ):
             return HTTPException(403, "found a request from elsewhere, expected one of the dashboard's own page")
         length = headers.get("content-length", "0")
         if not length.isdecimal() or len(length) > 12 or int(length) > self.most_body:
             return HTTPException(413, _too_large(self.most_body))
-        if access.must_sign_in and not access.is_signed_in(connection) and not self._is_free(connection.scope["path"]):
+        if (
+            not access.is_loopback
+            and not access.is_signed_in(connection)
+            and not self._is_free(connection.scope["path"])
+        ):
             return HTTPException(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
         return None
 
@@ -300,16 +297,8 @@ def _octets(text: str) -> bytes:
     return text.encode("utf-8", "surrogatepass")  # JSON can hold half a surrogate pair
 
 
-def _same(ours: str, given: str) -> bool:
-    return hmac.compare_digest(_octets(ours), _octets(given))
-
-
 def _too_large(most: int) -> str:
     return f"found a request that is too large, expected at most {most} bytes"
-
-
-def _may_change(scope: "Scope") -> bool:
-    return scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
 
 
 def _bounded(receive: "Receive", most: int) -> "Receive":

@@ -95,12 +95,7 @@ def make_app(config: Config, access: Access, work: Worker, status: Callable[[], 
     ui.run_with(
         app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg"
     )
-    app.add_middleware(
-        Gate,
-        access=access,
-        free=("/login", "/sinew/"),
-        sign_in_page=asking,
-    )
+    app.add_middleware(Gate, access=access, free=("/login", "/sinew/"), sign_in_page=asking)
     return app
 
 

@@ -111,10 +111,14 @@ def read_specs(plan: str, rig: str) -> Specs:
 
 
 class BenchPort(NamedTuple):
-    """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s]."""
+    """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s].
+
+    trouble: says why there will be no port, or None.
+    """
 
     port: str
     wait_s: float = 0.0
+    trouble: Callable[[], str | None] = lambda: None
 
 
 LOG = "run.log"
@@ -140,6 +144,7 @@ class Run:
     process: Process
     started: float
     specs: Specs
+    bench: BenchPort
 
     @property
     def name(self) -> str:
@@ -168,10 +173,10 @@ def running_elsewhere(runs: Path, control: Control) -> Path | None:
     return None
 
 
-def ending_sentence(folder: Path) -> str | None:
-    """Return how a run that has ended says that it ended, or None where it said nothing."""
+def ending_sentence(folder: Path, log: str = LOG) -> str | None:
+    """Return how a run, or what writes another log, says that it ended, or None where it said nothing."""
     try:
-        with open_inside(folder.parent, folder / LOG) as file:
+        with open_inside(folder.parent, folder / log) as file:
             file.seek(max(0, os.fstat(file.fileno()).st_size - _MOST_LOG))
             lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
     except (OSError, SinewError):
@@ -252,12 +257,11 @@ class RunDesk:
         """
 
         def prepare() -> tuple[Path, Specs, BenchPort]:
-            specs = read_specs(plan, rig)
-            bench_port, folder = bench(specs), self._runs / require_run_name(name)
-            try:
-                folder.mkdir()
-            except FileExistsError:
-                raise RefusedError(409, f"there is a run {name} already; choose another name") from None
+            specs, folder = read_specs(plan, rig), self._runs / require_run_name(name)
+            if os.path.lexists(folder):
+                raise RefusedError(409, f"there is a run {name} already; choose another name")
+            bench_port = bench(specs)
+            folder.mkdir()
             _write_texts(folder, plan, rig)
             return folder, specs, bench_port
 
@@ -296,13 +300,11 @@ class RunDesk:
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
-                    self.run, self.rig = Run(folder, process, time.time(), specs), specs.rig
+                    self.run, self.rig = Run(folder, process, time.time(), specs, bench_port), specs.rig
                     self._status, self.newest_s = {"state": "starting", "sentence": ""}, time.time()
             if is_late:
                 end_process(process, 0.0, signal.SIGKILL)
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
-        except SpecError as trouble:
-            raise RefusedError(422, str(trouble)) from trouble
         except OSError as trouble:
             raise RefusedError(
                 409, f"cannot begin a run in {self._runs}: {trouble.strerror}; make space, or choose other --runs"
@@ -310,7 +312,7 @@ class RunDesk:
         except RefusedError:
             raise
         except SinewError as trouble:
-            raise RefusedError(409, str(trouble)) from trouble
+            raise RefusedError(422 if isinstance(trouble, SpecError) else 409, str(trouble)) from trouble
         finally:
             self._is_starting = False
         return sentence
@@ -343,12 +345,13 @@ class RunDesk:
         while not self._over.wait(_LOOK_S):
             looks += 1
             run = self.run
+            trouble = run.bench.trouble() if run is not None and self._status["state"] == "starting" else None
             if run is None:
                 if looks % _ASK_EVERY == 0:
                     self.elsewhere = running_elsewhere(self._runs, self._control)
             elif (status := run.process.poll()) is not None:
                 let_go(run.process)
-                how = (
+                how = trouble or (
                     f"the run was ended by {signal.Signals(-status).name}"
                     if status < 0
                     else ending_sentence(run.folder)
@@ -356,6 +359,8 @@ class RunDesk:
                 status_now = {"state": "ended", "sentence": how or "the run has ended"}
                 self.last = run.document(status_now) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
                 self.run = None
+            elif trouble is not None:
+                end_process(run.process, _DIES_S)  # it waits for the port
             elif looks % _ASK_EVERY == 0:
                 self._ask(run)
 
@@ -529,8 +534,9 @@ class Emergency:
             if not await_end(run.process, _DIES_S):
                 return False, f"the run {run.name} does not end (process {run.process.pid}); switch the supply off"
             before = f"the run {run.name} did not confirm and was ended; "
-        there = self._elsewhere() if run is None else None
-        said = self._ask(there) if there is not None else None
+        by_hand = self._ask_by_hand() if run is None else None
+        if by_hand is not None and (port is None or self._is_emulated):  # only that run can have motors that move
+            return by_hand
         if port is None:
             what = "emulated bench is there" if self._is_emulated else "bench is connected here"
             return bool(before) or self._is_emulated, f"{before}no {what}, so no motor was told anything"
@@ -543,9 +549,7 @@ class Emergency:
         try:
             report = self._rest(port, rig, state, tell_frozen, lambda: order.is_emergency)
         except SinewError as trouble:
-            if there is not None and said is not None:  # that run holds the port
-                return said[0], f"the run {there.name}, begun in a terminal: {said[1]}"
-            return False, f"{before}{trouble}; switch the supply off"
+            return by_hand or (False, f"{before}{trouble}; switch the supply off")  # that run holds the port
         return report.is_safe, f"{before}{report.sentence()}"
 
     def _confirmed(self, folder: Path, process: Process) -> str | None:
@@ -562,6 +566,14 @@ class Emergency:
             if time.monotonic() >= end or await_end(process, _AGAIN_S):
                 break
         return None
+
+    def _ask_by_hand(self) -> tuple[bool, str] | None:
+        """Return what a run that was begun in a terminal says of an emergency; None where there is none."""
+        folder = self._elsewhere()
+        if folder is None:
+            return None
+        is_safe, sentence = self._ask(folder) or (False, "it does not answer; switch the supply off")
+        return is_safe, f"the run {folder.name}, begun in a terminal: {sentence}"
 
     def _ask(self, folder: Path) -> tuple[bool, str] | None:
         """Return what a run answers within the time it has: whether the motors stand, and a sentence; else None.

@@ -41,18 +41,20 @@ from sinew.apps.dashboard.run_desk import (
     await_end,
     bring_to_rest,
     end_process,
+    ending_sentence,
     let_go,
+    running_elsewhere,
     sinew_command,
     spawn,
 )
 from sinew.apps.dashboard.work.runs import put_in_library
-from sinew.measure.errors import FileError, SinewError, SpecError
+from sinew.measure.errors import FileError, SpecError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 
 _ANEW_S = 180.0  # until the port of an emulator is there, on a busy computer; in space it compiles for some seconds
 _END_S = 5.0
-_LOOK_S = 0.05
+_LOOK_S = 0.1
 
 
 class BenchEmulator:
@@ -62,7 +64,7 @@ class BenchEmulator:
     """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
-        self._folder, self._command = folder, command
+        self._folder, self._command, self._log = folder, command, folder / "emulator.log"
         self._process: Process | None = None
         self.port = str(folder / "port")
 
@@ -85,7 +87,15 @@ class BenchEmulator:
         rig.write_text(dump_rig(spec), encoding="utf-8")
         words = ["emulate", "--link", self.port, "--rig", str(rig), "--seed", str(seed)]
         words += ["--truth", str(self._folder / "truth.json"), "--force", "--json"]
-        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._folder / "emulator.log")
+        self._log.unlink(missing_ok=True)
+        self._process = spawn(self._command(*words, *["--in-space"] * in_space), self._log)
+
+    def trouble(self) -> str | None:
+        """Return why it has ended, with the last it said; None where it goes on."""
+        if self._process is None or self._process.poll() is None:
+            return None
+        said = ending_sentence(self._folder, self._log.name) or "it says nothing"
+        return f"the emulated bench has ended: {said}; see {self._log}"
 
     def close(self) -> None:
         """End the emulator."""
@@ -98,7 +108,6 @@ class BenchEmulator:
 # It gets what it needs to know as one line of JSON on its stdin, for arguments and environments can be read by others;
 # that its stdin ends is its sign that nobody needs it any more.
 
-_PAGE_LOOK_S = 0.1
 _PATIENCE_S = 3.0
 _RESTS_S = (0.3, 60.0)
 """Before a page server is begun again: at first, and at most; the rest doubles each time that it never answered [s]."""
@@ -145,7 +154,7 @@ class PageProcess:
                 self._process = spawn(self._command, self._log)
                 assert self._process.stdin is not None
                 self._process.stdin.write(json.dumps(self._config).encode() + b"\n")
-            while self.pid is not None and not self._over.wait(_PAGE_LOOK_S):
+            while self.pid is not None and not self._over.wait(_LOOK_S):
                 if self.state != "up" and self._answers():
                     self.state, rest_s = "up", _RESTS_S[0]
             if self._process is not None and self.pid is None:
@@ -156,7 +165,7 @@ class PageProcess:
 
     def _answers(self) -> bool:
         try:
-            with socket.create_connection(self._address, timeout=_PAGE_LOOK_S):
+            with socket.create_connection(self._address, timeout=_LOOK_S):
                 return True
         except OSError:
             return False
@@ -366,7 +375,7 @@ class Steward:
     def _free_bench(self, specs: Specs) -> BenchPort:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.
 
-        An emulated one is begun for the run, which waits for it.
+        An emulated one is begun for the run, which waits for it; not under a run in a terminal, which may use it.
         """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
@@ -380,8 +389,10 @@ class Steward:
                 f"the rig {specs.rig.name} has no [space], so its emulated head cannot bend; choose one that has the "
                 "masses of head and lever",
             )
+        if by_hand := running_elsewhere(self.runs, self.settings.control):
+            raise RefusedError(409, f"the run {by_hand.name}, begun in a terminal, may use the bench; end it first")
         self._emulator.begin(specs.rig, self.settings.seed, in_space=specs.sways)
-        return BenchPort(self.port, _ANEW_S)
+        return BenchPort(self.port, _ANEW_S, self._emulator.trouble)
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, or bring a bench without one to rest; return a sentence.
@@ -456,10 +467,8 @@ class Steward:
         run = self._desk.run
         if run is None or run.process.poll() is not None:
             return
-        try:
-            self.settings.control(run.folder, "stop", timeout_s=1.0)
-        except SinewError:
-            run.process.terminate()  # it does not listen; a signal reaches it
+        with suppress(RefusedError):
+            self._desk.tell("stop")
         end = time.monotonic() + _RUN_ENDS_S
         while run.process.poll() is None and time.monotonic() < end and not self.hurry.wait(_LOOK_S):
             pass

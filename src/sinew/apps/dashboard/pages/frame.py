@@ -81,7 +81,7 @@ def plain_page(site: Site, title: str, name: str, here: str = "") -> str:
 
 
 def _head(site: Site, here: str) -> tuple[str, str, dict[str, Any]]:
-    config = {"steering_port": site.access.steering_port, "locked": site.access.must_sign_in, "here": here}
+    config = {"steering_port": site.access.steering_port, "locked": not site.access.is_loopback, "here": here}
     return site.version, here, config
 
 
@@ -136,12 +136,8 @@ def tabulate(labels: Mapping[str, str], rows: Sequence[Sequence[str]], right: Co
 
 def script(name: str, data: Any) -> None:
     """Hand data to the page's own scripts, in an element of that id."""
-    ui.add_body_html(_data(name, data))
-
-
-def _data(name: str, data: Any) -> str:
     text = json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
-    return f'<script id="{name}" type="application/json">{text}</script>'
+    ui.add_body_html(f'<script id="{name}" type="application/json">{text}</script>')
 
 
 # Estimates in the words of a page.

@@ -40,7 +40,7 @@ export class Pieces {
   // A piece, or null where it is on its way; one that is not whole is asked for again.
   get(level, number) {
     const key = `${level}/${number}`, piece = this.kept.get(key);
-    const isOld = !piece || (piece.isOpen && performance.now() - piece.came > AGAIN_MS);
+    const isOld = !piece || piece.share < 1 || (piece.isOpen && performance.now() - piece.came > AGAIN_MS);
     if (isOld && !this.underWay.has(key) && !this.wanted.includes(key)) this.wanted.push(key);
     if (piece) { this.kept.delete(key); this.kept.set(key, piece); }
     return piece ?? null;
@@ -78,7 +78,7 @@ export class Pieces {
       const said = await read(`/samples/${this.name}/piece?level=${level}&number=${number}`);
       const rows = (table) => table.map((row) => Float32Array.from(row, (v) => v ?? NaN));
       const low = rows(said.low), isOpen = this.about.is_running && (number + 1) * this.long(level) > said.until_s;
-      this.kept.set(key, { time: Float64Array.from(said.time), low, high: said.high ? rows(said.high) : low, isOpen, came: performance.now() });
+      this.kept.set(key, { time: Float64Array.from(said.time), low, high: said.high ? rows(said.high) : low, share: said.share, isOpen, came: performance.now() });
       if (this.kept.size > PIECES) this.kept.delete(this.kept.keys().next().value);
       this.about.end_s = Math.max(this.about.end_s, said.until_s);
       this.trouble = "";
@@ -420,7 +420,7 @@ export class Oscilloscope {
       const from = number * long, to = from + long, piece = this.pieces.get(level, number) ?? null, other = piece ?? this.pieces.wider(level, number);
       if (other) for (let k = 0; k < other.time.length; k++) { if (other.time[k] >= from && other.time[k] < to) bins.add(other.time[k], other.low, other.high, k, rows); }
       else ring(from, to - 1e-9);
-      if (!piece) this.missing.push([from, Math.min(to, this.end)]);
+      if (!piece || piece.share < 1) this.missing.push([piece ? Math.max(from, piece.time.at(-1) ?? from) : from, Math.min(to, this.end)]);
     }
     for (const share of this.isAway ? this.cursors : []) { // they are read where they are
       const time = this.cursorTime(share);

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import secrets
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -25,6 +24,7 @@ from sinew.apps.dashboard.work.results import read_found
 from sinew.bench.record.journal import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
+from sinew.measure.validation import write_text
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import Library, list_shipped, parse_plan, parse_rig, read_spec
@@ -263,26 +263,15 @@ def put_in_library(runs: Path, kind: str, name: str, text: str, *, replace: bool
             "letter or a digit",
         )
     folder = runs / kind
-    made = folder / f".{file}.{secrets.token_hex(4)}"
+    if folder.is_symlink():
+        raise RefusedError(409, f"cannot write among the {kind}: {folder} is a link; put the folder itself there")
+    if not replace and os.path.lexists(folder / file):
+        said = f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name"
+        raise RefusedError(409, said, exists=True)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if folder.is_symlink():
-            raise RefusedError(409, f"cannot write among the {kind}: {folder} is a link; put the folder itself there")
-        if not replace and os.path.lexists(folder / file):
-            raise RefusedError(
-                409,
-                f"there is a {kind.removesuffix('s')} {file} already; replace it, or choose another name",
-                exists=True,
-            )
-        with made.open("x", encoding="utf-8") as written:
-            written.write(text)
-            written.flush()
-            os.fsync(written.fileno())
-        made.replace(folder / file)  # in the place of a link, not through it
-    except OSError as error:
-        raise RefusedError(409, f"cannot write among the {kind}: {error.strerror}; see {folder}") from error
-    finally:
-        made.unlink(missing_ok=True)
+        write_text(folder / file, text)  # in the place of a link, not through it
+    except FileError as error:
+        raise RefusedError(409, str(error)) from error
     return f"{file} is in the library of {kind}"
 
 

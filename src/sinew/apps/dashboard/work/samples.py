@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -382,6 +383,7 @@ FINEST_HZ = 1024.0
 MOST_LEVEL = 20  # bins of 17 minutes
 _READ_LEVEL = 9  # pieces of 256 s are read sample by sample
 _PART_S, _PART_BIN_S = 128.0, 1.0
+_SPENT_S = 0.4  # on one answer; what is not read by then comes with the next one
 _MOST_PARTS = 2048  # three days
 
 
@@ -405,14 +407,14 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
     """Return a piece of a run as JSON: what lies in [number, number + 1) · 512 · 2^level/1024 s.
 
     {"time": [s], "low": [[...] for each trace], "high": the same, or null where nothing was thinned, "until_s": of the
-    newest sample}. Raises FileError.
+    newest sample, "share": how much of the piece was read, 1 where it is whole}. Raises FileError.
     """
     level, number = int(np.clip(level, 0, MOST_LEVEL)), max(0, number)
     bin_s = 2**level / FINEST_HZ
     begin, end = number * PIECE_BINS * bin_s, (number + 1) * PIECE_BINS * bin_s
     with opened(folder) as journal:
         spans = spans_of(journal)
-        until = spans[-1].end_s if spans else 0.0
+        until, share = spans[-1].end_s if spans else 0.0, 1.0
         if level <= _READ_LEVEL:
             time, low = traces_between(journal, begin, end)
             high = low
@@ -420,8 +422,13 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
         inode = (Path(folder) / JOURNAL).stat().st_ino
         first = int(begin // _PART_S)
         numbers = range(first, max(first + 1, math.ceil(min(end, until + 1.0) / _PART_S)))
-        # Of the last part more may come: it is read anew each time.
-        read = [(_part if (k + 1) * _PART_S <= until else _part.__wrapped__)(folder, inode, k) for k in numbers]
+        began, read = monotonic(), list[Part]()
+        for k in numbers:
+            # Of the last part more may come: it is read anew each time.
+            read.append((_part if (k + 1) * _PART_S <= until else _part.__wrapped__)(folder, inode, k))
+            if monotonic() - began > _SPENT_S:
+                break
+        share = len(read) / len(numbers)
         time, low, high = (np.concatenate([part[i] for part in read], axis=-1) for i in range(3))
     thinned = thin(time, low, bin_s)
     upper = thinned.high if high is low else thin(time, high, bin_s).high
@@ -432,6 +439,7 @@ def samples_piece(folder: str, level: int, number: int) -> bytes:
             "low": np.round(thinned.low.astype(float), 3),
             "high": None if same else np.round(upper.astype(float), 3),
             "until_s": round(until, 4),
+            "share": share,
         }
     )
 
