@@ -44,7 +44,7 @@ def rest_beside(rig: RigSpec, pretension_mm: float, pose: Pose, *, pieces: int =
     assert upright.rest is not None
     assert posed.rest is not None
     assert posed.shape is not None
-    model, data = loaded(joint_bodies(rig, modes.PoseRequest((pretension_mm,), (0.0,)), pieces))
+    model, data = loaded(joint_bodies(rig, modes.ModesRequest((pretension_mm,), (0.0,)), pieces))
     data.ctrl[: rig.tendons.count] = posed.rest.take_up - upright.rest.take_up
     _settle(model, data)
     base = data.body("base").xmat.reshape(3, 3)
