@@ -230,9 +230,9 @@ def find_pose(rig: RigSpec, requested: PoseRequest, *, outlook: bool = True) -> 
 
     >>> import sinew as sn
     >>> from sinew.plan.plan import Pose
-    >>> from sinew.predict.pose import Asked, find_pose
-    >>> asked = Asked(6.0, Pose(bend_deg=20, azimuth_deg=0))
-    >>> bool(find_pose(sn.load_rig("paper"), asked, outlook=False).rest.taut)
+    >>> from sinew.predict.pose import PoseRequest, find_pose
+    >>> requested = PoseRequest(6.0, Pose(bend_deg=20, azimuth_deg=0))
+    >>> bool(find_pose(sn.load_rig("paper"), requested, outlook=False).rest.taut)
     True
     """
     _check(rig, requested)
