@@ -190,7 +190,8 @@ def shown(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
 
 def shown_interval(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
     """Return "value unit (low to high)" of a quantity as JSON holds it; a dash for None."""
-    return UNKNOWN if estimate is None else Estimate.from_json(estimate).shown_interval(unit)
+    low, high = (estimate or {}).get("interval90") or (None, None)
+    return UNKNOWN if estimate is None else interval(estimate["value"], low, high, unit)
 
 
 def typeset(text: str) -> str:
