@@ -259,8 +259,8 @@ def _judged(strikes: Sequence[_Strike]) -> tuple[list[_Strike], tuple[HitResult,
         remarks.append("; ".join([*filter(None, [strike.hit.remark]), *words]))
     clean = [not remark for remark in remarks]
     usable = [not (strike.is_cut or is_short) for strike, is_short in zip(strikes, short, strict=True)]
-    retained = clean if any(clean) else usable
-    if not any(retained):
+    used = clean if any(clean) else usable
+    if not any(used):
         found = "; ".join(
             f"{hit.time_s:.4g} s: {r}" for hit, r in zip((s.hit for s in strikes[:3]), remarks, strict=False)
         )
@@ -269,15 +269,14 @@ def _judged(strikes: Sequence[_Strike]) -> tuple[list[_Strike], tuple[HitResult,
             "take a larger range"
         )
     hits = tuple(
-        replace(strike.hit, used=use, remark=remark)
-        for strike, use, remark in zip(strikes, retained, remarks, strict=True)
+        replace(strike.hit, used=use, remark=remark) for strike, use, remark in zip(strikes, used, remarks, strict=True)
     )
     said = [
         f"hit at {hit.time_s:.4g} s: {hit.remark}; {'used, for there is no better' if hit.used else 'left out'}"
         for hit in hits
         if hit.remark
     ]
-    return [strike for strike, use in zip(strikes, retained, strict=True) if use], hits, said
+    return [strike for strike, use in zip(strikes, used, strict=True) if use], hits, said
 
 
 def _of_rest(used: Sequence[_Strike], length: int) -> list[str]:

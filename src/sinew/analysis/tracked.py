@@ -93,15 +93,15 @@ def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Datas
     Raises RecordingError where the segment is not tracking, lacks a channel, or holds no whole turn.
     """
     signals = read_signals(recording, rig)
-    (requested, where), lever, rate = signals.segments[segment], signals.drive, signals.response
+    (planned, where), lever, rate = signals.segments[segment], signals.drive, signals.response
     command = signals.recorded.get("drive_command_rad")
-    if requested.kind != "tracking" or command is None or lever is None or not rate.is_rate:
+    if planned.kind != "tracking" or command is None or lever is None or not rate.is_rate:
         raise RecordingError(
-            f"segment {segment} is {requested.kind}, expected tracking with command, lever and gyroscope"
+            f"segment {segment} is {planned.kind}, expected tracking with command, lever and gyroscope"
         )
     time = signals.time_s[where]
     both = np.stack([lever.values[where], rate.values[where]], axis=1)
-    pretension = _pretension(signals, where, requested.pretension_mm, rig)
+    pretension = _pretension(signals, where, planned.pretension_mm, rig)
     zeros = _rising_zeros(time, command[where].astype(float))
     rows = []
     for turn, (begin, end) in enumerate(pairwise(zeros.tolist()), start=2):  # the first zero ends the first turn

@@ -205,8 +205,8 @@ def examine_motors(rig: Rig, roll: Roll) -> list[Finding]:
     for sensor in rig.sensors:
         if sensor.name in roll.present:
             reply = sensor.ask()
-            sentence = f"id {sensor.id}, {sensor.row.name} {sensor.value(reply):.4g} {sensor.row.unit}"
-            findings.append(Finding("ok" if reply.ok else "fault", sensor.name, sentence if reply.ok else str(reply)))
+            read = f"id {sensor.id}, {sensor.row.name} {sensor.value(reply):.4g} {sensor.row.unit}"
+            findings.append(Finding("ok" if reply.ok else "fault", sensor.name, read if reply.ok else str(reply)))
     return findings
 
 
@@ -572,7 +572,7 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         "that cannot be true": rig.impossible.total(),
         "twice and not the same": counts.rivals,
     }
-    sentence = ", ".join(f"{count} {what}" for what, count in errors.items() if count)
+    counted = ", ".join(f"{count} {what}" for what, count in errors.items() if count)
     shown = f"{counts.answers} answers to {counts.transactions} instructions"
     if times is not None and times.incomplete:
         shown += f"; {times.incomplete} of {times.cycles} readings incomplete"
@@ -581,7 +581,7 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         found = f"the adapter returned {counts.echoes} of {counts.transactions} packets that it sent; they are dropped"
         advice = "nothing needs to be done; to be rid of it, switch its receiver off while it sends"
         findings.append(Finding("note", "port", found, "no echo", advice))
-    if not sentence:
+    if not counted:
         return [*findings, Finding("ok", "bus", f"{shown}, none lost or damaged")]
     advice = "check plugs, ground and length of the cables; a silent device explains silence"
     if counts.damaged + counts.crc_errors + counts.heard_damaged > counts.silent + counts.rivals:
@@ -590,8 +590,8 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         advice = "two devices answer to one id: unplug one and give it another id"
     if times is not None and times.incomplete > MISSED_MOST * times.cycles:
         expected = f"at most {100 * MISSED_MOST:.0f} % of readings incomplete; a run ends with more"
-        return [*findings, Finding("fault", "bus", f"{shown}: {sentence}", expected, advice)]
-    return [*findings, Finding("warning", "bus", f"{shown}: {sentence}", "no errors", advice)]
+        return [*findings, Finding("fault", "bus", f"{shown}: {counted}", expected, advice)]
+    return [*findings, Finding("warning", "bus", f"{shown}: {counted}", "no errors", advice)]
 
 
 def examine_present(

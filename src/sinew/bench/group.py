@@ -195,8 +195,8 @@ class Mover:
         self._expect_parts(self._between(self._first.extra_a, self._last.extra_a, share))
 
     def _share(self) -> float:
-        travel = self._last.pretension_mm - self._first.pretension_mm
-        return (self.pretension_mm - self._first.pretension_mm) / travel if travel else 0.0
+        change = self._last.pretension_mm - self._first.pretension_mm
+        return (self.pretension_mm - self._first.pretension_mm) / change if change else 0.0
 
     @staticmethod
     def _between(first: Sequence[float], last: Sequence[float], share: float) -> tuple[float, ...]:

@@ -109,10 +109,10 @@ def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> 
     What has just been plugged in is waited for. A port need not know every baud. Raises PortError where it knows none.
     """
     first = (spec.wiring.baud, NEW_BAUD)
-    requested = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
+    tried = list(dict.fromkeys(bauds)) or list(dict.fromkeys([*first, *sorted(BAUD_RATES, reverse=True)]))
     found: list[Seen] = []
     refused: list[PortError] = []
-    for number, baud in enumerate(requested):
+    for number, baud in enumerate(tried):
         try:
             with open_rig(rewired(spec, baud=baud)) as (rig, clock):
                 clock.wait_until(clock.now() + (_STARTS_S if number == 0 else 0.0))
@@ -121,7 +121,7 @@ def look_around(open_rig: OpenRig, spec: RigSpec, bauds: Iterable[int] = ()) -> 
                     found.append(Seen(device, baud, model, _is_double(rig.bus, device, model)))
         except PortError as trouble:
             refused.append(trouble)
-    if len(refused) == len(requested):
+    if len(refused) == len(tried):
         raise refused[0]
     return found
 
@@ -413,14 +413,14 @@ def _set_up(guide: Guide) -> list[Finding]:
         fixes = [fix for fix in list_fixes(findings) if fix.register not in _WINDOW]
         if not fixes:
             return [finding for finding in findings if finding.severity != "note"]
-        sentence = ", ".join(sorted({fix.register for fix in fixes}))
-        if not guide.person.agrees(f"write {len(fixes)} settings ({sentence}) to motors whose torque is off"):
+        registers = ", ".join(sorted({fix.register for fix in fixes}))
+        if not guide.person.agrees(f"write {len(fixes)} settings ({registers}) to motors whose torque is off"):
             return [*findings, Finding("fault", "motors", "settings are as they were", "written", "repeat this step")]
         written = apply_fixes(rig, clock, fixes, guide.timer)
         if refused := [finding for finding in written if finding.severity != "ok"]:
             return refused
         left = [finding for finding in examine_motors(rig, roll) if finding.severity in ("ok", "warning", "fault")]
-    return [*left, Finding("ok", "motors", f"{len(fixes)} settings written: {sentence}")]
+    return [*left, Finding("ok", "motors", f"{len(fixes)} settings written: {registers}")]
 
 
 def _find_up(guide: Guide) -> list[Finding]:

@@ -124,7 +124,7 @@ def level(
     once: tuple[float, float] | None = None
     smooth: tuple[float, float] | None = None
     acted = at_once = start  # the correction behind the same low-passes: what the tilt that is seen answers to
-    travel: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
+    recent: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
     most = [_PULLS * newtons + LIMIT_RESERVE_N for newtons in expected_n]
     first: float | None = None
     look, looks = 0, 0  # cycle at which a correction that stands is judged by what it leaves
@@ -158,11 +158,11 @@ def level(
         integral = (integral[0] + gain * smooth[0], integral[1] + gain * smooth[1])
         if count > 0:
             made = whole(integral)
-            travel.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
-        if len(travel) == travel.maxlen and _width([at for at, _ in travel]) < _STANDS_COUNTS * count:
-            integral = statistics.fmean(y for _, (y, _) in travel), statistics.fmean(z for _, (_, z) in travel)
+            recent.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
+        if len(recent) == recent.maxlen and _width([at for at, _ in recent]) < _STANDS_COUNTS * count:
+            integral = statistics.fmean(y for _, (y, _) in recent), statistics.fmean(z for _, (_, z) in recent)
             look = k + round(_LOOKS_S / loop.period)
-            travel.clear()
+            recent.clear()
         loop.set_goals(goals(integral))
     if smooth is not None and math.hypot(*smooth) < accepted:
         return Levelling(integral, math.hypot(*smooth), MOST_S)
@@ -201,8 +201,8 @@ def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight
     return seen if old is None else (old[0] + weight * (seen[0] - old[0]), old[1] + weight * (seen[1] - old[1]))
 
 
-def _width(travel: Sequence[Tilt]) -> float:
-    widths = [max(at[i] for at in travel) - min(at[i] for at in travel) for i in (0, 1)]
+def _width(tilts: Sequence[Tilt]) -> float:
+    widths = [max(at[i] for at in tilts) - min(at[i] for at in tilts) for i in (0, 1)]
     return max(widths)
 
 

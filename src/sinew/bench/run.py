@@ -184,17 +184,17 @@ class Runner:
         halt = self.steering.halt
         state = (halt.state if halt is not None else None) or self._rig.spec.limits.safe_state
         state = state if self._power.is_under_torque else "release"
-        requested = self.steering.emergency_requested
-        report = stop(self._rig, self._clock, state, self._note_frozen, emergency_requested=requested)
+        is_emergency = self.steering.emergency_requested
+        report = stop(self._rig, self._clock, state, self._note_frozen, emergency_requested=is_emergency)
         self.steering.note_over(report)
         return report
 
     def _leave_in(self, state: SafeState) -> StopReport:
         """Bring the rig to a safe state while the run goes on, and return how it was left."""
-        requested = self.steering.emergency_requested
+        is_emergency = self.steering.emergency_requested
         return stop(
-            self._rig, self._clock, state, lambda first: self._note_frozen(first) if requested() else None,
-            emergency_requested=requested,
+            self._rig, self._clock, state, lambda first: self._note_frozen(first) if is_emergency() else None,
+            emergency_requested=is_emergency,
         )  # fmt: skip
 
     def _note_frozen(self, first: StopReport) -> None:
@@ -325,9 +325,9 @@ class Runner:
         """Set a pretension [mm] and return its levelling correction, and it; where the plan moves the pretension, the
         other end of its way is visited first, and levelled."""
         track, tendons = self._plan.track, len(self._rig.tendons)
-        requested = [mm] if track is None or track.pretension_to_mm is None else [track.pretension_to_mm, mm]
+        levels = [mm] if track is None or track.pretension_to_mm is None else [track.pretension_to_mm, mm]
         levelled = []
-        for stop_mm in requested:
+        for stop_mm in levels:
             result = set_pretension(self._loop, motors, stop_mm, before, offsets, self._plan.rest_pose.swing_rad)
             offsets, before = result.offsets, stop_mm
             share = self._loop.watch.share or (1 / tendons,) * tendons
@@ -338,7 +338,7 @@ class Runner:
                 result = replace(result, limit_a=statistics.fmean(self._loop.watch.limit))
             self.report.pretensions.append(result)
             self._recorder.say(result)
-        self._power.bound_for_groups(*requested)
+        self._power.bound_for_groups(*levels)
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
         return offsets, before
 

@@ -50,8 +50,8 @@ class MotorState:
     @property
     def is_limited(self) -> bool:
         """Whether it has no torque, or holds a position or current with less than full duty or with limited current."""
-        retained = self.law.kind in ("position", "current")
-        held = retained and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
+        follows_goal = self.law.kind in ("position", "current")
+        held = follows_goal and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
         return not self.torque or self.law.kind == "off" or held
 
     @property

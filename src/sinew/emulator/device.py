@@ -61,12 +61,12 @@ class ControlTable:
 
     def reset(self, keep: Sequence[str] = (), start: int = 0) -> None:
         """Put the registers from an address on to what they are when they come from the factory, but those in keep."""
-        retained = {name: self[name] for name in keep}
+        saved = {name: self[name] for name in keep}
         self.memory[start:] = bytes(len(self.memory) - start)
         for row in self.rows:
             if row.address >= start and row.initial is not None:
                 self[row.name] = row.initial
-        for name, count in retained.items():
+        for name, count in saved.items():
             self[name] = count
 
     def restart(self) -> None:

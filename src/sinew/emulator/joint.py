@@ -162,14 +162,14 @@ def marcher(forces: Forces, example: Example, tendons: int, guides: type[GuideFr
             begun, here, gone, before, seen = carry
             # the barrier, for the compiler would carry each number of them on its own
             numbers = jax.lax.optimization_barrier((tendons, drive, fixed))  # type: ignore[no-untyped-call]
-            order, requested = TendonOrder(*jnp.asarray(numbers[0])), DriveOrder(*jnp.asarray(numbers[1])[:-2])
+            order, drive_order = TendonOrder(*jnp.asarray(numbers[0])), DriveOrder(*jnp.asarray(numbers[1])[:-2])
             stage = n % 4
             passed = jnp.where((stage == 0) & (n > 0), step_s, 0.0)
             time_s = jnp.asarray(STAGE_TIMES)[stage] * step_s
             at = _placed(before, where)
-            slope, *fresh = forces(time_s, state(here), at, order, requested, whole(numbers[2]), step_s, passed)
-            retained = [jnp.where(stage == 0, _flat(new), old) for new, old in zip(fresh, (before, seen), strict=True)]
-            return *next_stage(stage, begun, gone, _flat(slope), step_s), *retained
+            slope, *fresh = forces(time_s, state(here), at, order, drive_order, whole(numbers[2]), step_s, passed)
+            held = [jnp.where(stage == 0, _flat(new), old) for new, old in zip(fresh, (before, seen), strict=True)]
+            return *next_stage(stage, begun, gone, _flat(slope), step_s), *held
 
         carry = (begun, begun, jnp.zeros_like(begun), jnp.asarray(now), jnp.zeros(_flat(seen).size))
         *_, last, seen_last = jax.lax.fori_loop(0, turns, turn, carry)

@@ -55,10 +55,10 @@ def axis_label(quantity: str, unit: str) -> str:
 
 def parameter_label(name: str) -> tuple[str, str]:
     """Return words and unit of a parameter from its name: "stiffness_n_m_per_rad" gives ("stiffness", "N m/rad")."""
-    stem, bracket, bracketed = name.partition("[")
+    stem, bracket, which = name.partition("[")
     words, *parts = named_unit(stem)
     top, bottom = ([f"{symbol}{_POWERS[power]}" for symbol, power in part] for part in parts)
-    said = _WORDS.get(words[0], " ".join(words)) + (f" {bracketed[:-1]}" if bracket else "")
+    said = _WORDS.get(words[0], " ".join(words)) + (f" {which[:-1]}" if bracket else "")
     if not bottom:
         return said, " ".join(top)
     under = f"({' '.join(bottom)})" if len(bottom) > 1 else bottom[0]

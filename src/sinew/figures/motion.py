@@ -221,8 +221,8 @@ def draw_lissajous(recording: xr.Dataset, pretension_mm: float = 4.0, curves: in
     chosen = [here[i] for i in few(len(here), curves)]
     figure = new_figure(3.9)
     places = figure.subplot_mosaic("ame;bmd;cmk", width_ratios=(1, 3.4, 1))
-    for position, degrees in _SHAPES.items():
-        _draw_shape(places[position], degrees)
+    for phase, degrees in _SHAPES.items():
+        _draw_shape(places[phase], degrees)
     middle = places["m"]
     label = ""
     frequencies = [g.segment.frequency_hz for g in chosen]

@@ -203,10 +203,10 @@ def draw_map(axes: Axes, x: Array, y: Array, gain: Array, ridge: Sequence[Array]
     levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
     if levels:
         lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
-        sentences = [
+        labelled = [
             level for level in levels if level <= 0.45 * top
         ]  # the others are too close for a number between them
-        for text in axes.clabel(lines, levels=sentences, fmt="%g", fontsize=8):
+        for text in axes.clabel(lines, levels=labelled, fmt="%g", fontsize=8):
             text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
     halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
     axes.plot(*ridge[:2], color=RED, linewidth=1.6, path_effects=halo, zorder=4)

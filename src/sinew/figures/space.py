@@ -81,10 +81,8 @@ def draw_over_pretension(found: Modes) -> Figure:
         axes.plot(at, double, color=RED, linewidth=0.9, linestyle=(0, (1, 2)))
         known = [(x, y) for x, y in zip(at, double, strict=True) if math.isfinite(y)]
         if k == 0 and known:
-            position = known[len(known) // 2]
-            axes.annotate(
-                "2 · torsion", position, (4, -3), textcoords="offset points", va="top", color=RED, fontsize=8.0
-            )
+            middle = known[len(known) // 2]
+            axes.annotate("2 · torsion", middle, (4, -3), textcoords="offset points", va="top", color=RED, fontsize=8.0)
         for pose in found.poses:
             for mode in pose.modes if pose.bend_deg == bend_deg and pose.taut else ():
                 one = mode.frequency_hz

@@ -270,9 +270,9 @@ class Decoder:
     def _beginning(self) -> int:
         """Return where a header begins that the end of the buffer cuts off; the end where there is none."""
         size = len(self._buffer)
-        for retained in range(min(3, size), 0, -1):
-            if self._buffer.endswith(HEADER[:retained]):
-                return size - retained
+        for length in range(min(3, size), 0, -1):
+            if self._buffer.endswith(HEADER[:length]):
+                return size - length
         return size
 
     def _look(self, at: int, *, counting: bool) -> _Found | str:

@@ -122,8 +122,8 @@ class _Present:
         self.bounds = MotorBounds(motor.table, spec)
         self.objection = self.climate_objection = ""
         names = (*_GOAL, *_PRESENT) if tells_goal else _PRESENT
-        query = names, (*names, *_CLIMATE), (*_ORDERS, *_PRESENT)
-        short, long, whole = (lay_out(motor.table, registers) for registers in query)
+        layouts = names, (*names, *_CLIMATE), (*_ORDERS, *_PRESENT)
+        short, long, whole = (lay_out(motor.table, registers) for registers in layouts)
         self.ask, self.ask_climate, self.ask_orders = (
             Read(motor.id, block.address, block.length) for block in (short, long, whole)
         )
@@ -442,8 +442,8 @@ class Rig:
     def _reads(self, turn: int) -> list[Read]:
         """Return what is asked in a cycle, in the order of the answers."""
         more = [p.ask_orders if turn % 2 else p.ask_climate for p in self._presents]
-        query = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
-        return [query[-1], self.imu.ask, *query[:-1]]
+        asks = [more[index] if index == turn // 2 else p.ask for index, p in enumerate(self._presents)]
+        return [asks[-1], self.imu.ask, *asks[:-1]]
 
     def _imu_reading(self, replies: dict[int, Reply], time: float) -> ImuReading | None:
         """Return what the IMU says. It answers behind the drive; where that was silent, its own clock says when."""

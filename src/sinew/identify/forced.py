@@ -309,8 +309,8 @@ def predict_fit(
     gains, said = _gains(normal, values, kind, point, rng, shown)
     values, gains = values[np.isfinite(gains)], gains[np.isfinite(gains)]
     found = _levels(normal, values, gains, kind, levels, band, progress)
-    lines = (*_undetermined(known, kind, point, gains), *remarks, *said)
-    lines += tuple(
+    sentences = (*_undetermined(known, kind, point, gains), *remarks, *said)
+    sentences += tuple(
         _extrapolated(known, one, shown, at) for one in found.levels if _reach(one) > _BEYOND * known.largest
     )
     return Forced(
@@ -325,7 +325,7 @@ def predict_fit(
         drive=at,
         error_estimate=found.error,
         harmonics=found.harmonics,
-        remarks=(*lines, *_of_bands(found.levels, at)),
+        remarks=(*sentences, *_of_bands(found.levels, at)),
     )
 
 
@@ -393,8 +393,8 @@ def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
     Raises SpecError where a number is not known, or cannot be.
     """
     lost = {number.name for term in model.law.losses.terms for number in term.numbers}
-    retained = [k for k, name in enumerate(known.numbers) if name != "gain" or wanted]
-    covariance = known.covariance[np.ix_(retained, retained)]
+    positions = [k for k, name in enumerate(known.numbers) if name != "gain" or wanted]
+    covariance = known.covariance[np.ix_(positions, positions)]
     numbers = {name: value for name, value in known.numbers.items() if name != "gain" or wanted}
     for (name, value), variance in zip(known.numbers.items(), np.diag(known.covariance), strict=True):
         if name not in numbers:
@@ -414,20 +414,20 @@ def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
 
 def _drawn(known: Mechanics, count: int, rng: np.random.Generator) -> tuple[Array, list[str]]:
     """Return laws as likely as the fit says, (count, k), and what to know of them."""
-    factor, retained, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
+    factor, drawn, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
     positive = np.array([name in NUMBERS and NUMBERS[name].positive for name in known.numbers])
     freedom = known.degrees_of_freedom
-    while len(retained) < count:
+    while len(drawn) < count:
         tried += count
         if tried > _TRIES * count:
             raise SpecError("hardly any law that is as likely as the fit says can be: its numbers are too uncertain")
         widened = np.sqrt(freedom / rng.chisquare(freedom, (count, 1)))
         some = known.values + widened * (rng.standard_normal((count, known.values.size)) @ factor.T)
-        retained = np.concatenate([retained, some[np.all((some > 0) | ~positive, axis=1)]])
+        drawn = np.concatenate([drawn, some[np.all((some > 0) | ~positive, axis=1)]])
     lines = []
     if tried > 2 * count:
         lines.append("more than half of the laws drawn had a damping or stiffness below zero and were drawn again")
-    return retained[:count], lines
+    return drawn[:count], lines
 
 
 @dataclass(frozen=True)
@@ -551,9 +551,9 @@ def _levels(
     for level, push in zip(levels, pushes, strict=True):
         scale = normal.swing(float(push[0]) * normal.size * normal.omega**2, power) / normal.size
         problem = driven(numbers, push, power, laws, np.full(push.size, scale))
-        lines = follow(_some(problem, 0, 1), window, fine)
-        error, harmonics = max(error, lines.error_estimate), max(harmonics, lines.harmonics)
-        nominal, drawn = _physical(lines.branches[0], hertz, normal.size), list[Branch]()
+        branch = follow(_some(problem, 0, 1), window, fine)
+        error, harmonics = max(error, branch.error_estimate), max(harmonics, branch.harmonics)
+        nominal, drawn = _physical(branch.branches[0], hertz, normal.size), list[Branch]()
         for begin in range(0, push.size, _TOGETHER):
             some = follow(_some(problem, begin, begin + _TOGETHER), window, coarse).branches
             drawn += [_physical(one, hertz, normal.size) for one in some]

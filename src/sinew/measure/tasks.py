@@ -135,9 +135,9 @@ def each_task(
     Raises SpecError where the cluster cannot be used, FileError where nothing can be kept, and what a task raises.
     """
     source = None if spread.keep is None and spread.scheduler is None else source_of(function)
-    with nullcontext() if spread.keep is None else _results_in(Path(spread.keep)) as retained:
-        keys = [] if retained is None else [digest_of((source, spread.device, function, task)) for task in tasks]
-        coming = _computed(function, dict(enumerate(tasks)), spread, source, keys, retained)
+    with nullcontext() if spread.keep is None else _results_in(Path(spread.keep)) as store:
+        keys = [] if store is None else [digest_of((source, spread.device, function, task)) for task in tasks]
+        coming = _computed(function, dict(enumerate(tasks)), spread, source, keys, store)
         with closing(coming):
             for done, (index, result) in enumerate(coming, start=1):
                 if progress is not None:
@@ -151,12 +151,12 @@ def _computed(
     spread: Spread,
     source: str | None,
     keys: Sequence[str],
-    retained: sqlite3.Connection | None,
+    store: sqlite3.Connection | None,
 ) -> Generator[tuple[int, R], None, None]:
     """Yield (place, result) of what is kept by some keys, then of what is not and is computed, and kept."""
     for index, key in enumerate(keys):
-        assert retained is not None
-        if (row := retained.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()) is not None:
+        assert store is not None
+        if (row := store.execute("SELECT result FROM kept WHERE key = ?", (key,)).fetchone()) is not None:
             del waiting[index]
             yield index, pickle.loads(row[0])
     do = partial(_do, function, spread.device)
@@ -169,9 +169,9 @@ def _computed(
         come = ((index, do(task)) for index, task in waiting.items())
     with closing(come):
         for index, result in come:
-            if retained is not None:
-                with retained:  # on the disk before it is handed out
-                    retained.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (keys[index], pickle.dumps(result)))
+            if store is not None:
+                with store:  # on the disk before it is handed out
+                    store.execute("INSERT OR REPLACE INTO kept VALUES (?, ?)", (keys[index], pickle.dumps(result)))
             yield index, result
 
 
@@ -280,7 +280,7 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
     for name in ("distributed", "distributed.client"):  # what it says of a lost scheduler, we say
         logging.getLogger(name).setLevel(logging.CRITICAL)
     patience = _PATIENCE_S if again else _TIMEOUT_S
-    retained = "; what was done before is in the file of --keep: the same command goes on from it" if again else ""
+    advice = "; what was done before is in the file of --keep: the same command goes on from it" if again else ""
     until = time.monotonic() + patience
     client = None
     while client is None:
@@ -290,14 +290,14 @@ def _client(address: str, again: bool) -> "Iterator[Client]":
             if time.monotonic() > until or isinstance(error, ValueError):
                 raise SpecError(
                     f"found no Dask scheduler at {address} within {patience:g} s; start one (dask scheduler) and give "
-                    f"its address, as tcp://host:8786{retained}"
+                    f"its address, as tcp://host:8786{advice}"
                 ) from error
     with client:
         try:
             client.wait_for_workers(1, timeout=_PATIENCE_S)
         except TimeoutError as error:
             raise SpecError(
-                f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){retained}"
+                f"the scheduler at {address} has no workers; start some (dask worker {address} --nthreads 1){advice}"
             ) from error
         except OSError as error:
             raise _LostError from error

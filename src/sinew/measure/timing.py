@@ -361,8 +361,8 @@ def _spread(stamps: Array) -> Array:
     starts = np.flatnonzero(np.concatenate([[True], steps > 0]))
     count = np.diff(np.append(starts, stamps.size))
     size = np.repeat(count, count)
-    position = np.arange(stamps.size) - np.repeat(starts, count)
-    return np.asarray(stamps + least * ((position + 0.5) / size - 0.5), dtype=float)
+    rank = np.arange(stamps.size) - np.repeat(starts, count)
+    return np.asarray(stamps + least * ((rank + 0.5) / size - 0.5), dtype=float)
 
 
 def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> Mask:

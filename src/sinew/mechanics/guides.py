@@ -112,9 +112,9 @@ class GuideFriction(ABC):
         """
         xp = namespace_of(amplitude)
         amplitude = xp.maximum(amplitude, _SMALLEST * self.reach)
-        travel = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
+        path = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
         each = xp.expand_dims(amplitude, -1)
-        held = xp.mean(self.loop(travel * each, each) * travel, axis=-1)
+        held = xp.mean(self.loop(path * each, each) * path, axis=-1)
         return self.level * tension * 2 * held / amplitude, self.loss(tension, amplitude) / (np.pi * amplitude**2)
 
     def first_guess(self, swing: Any) -> list[Any]:

@@ -90,8 +90,8 @@ def _spent(p: Parameters, shortening: jax.Array, free_from: jax.Array, steps: ja
             started = counted & (time_s - _STEP_S < begin)
             energy = jnp.where(started, _energy(now.state, own), energy)
             after = runge_kutta(partial(_slope, p=own), time_s, now, jnp.asarray(_STEP_S))
-            retained = [jnp.where(counted, a, b) for a, b in zip(after[1:], now[1:], strict=True)]
-            return _Spending(after.state, *retained), energy
+            sums = [jnp.where(counted, a, b) for a, b in zip(after[1:], now[1:], strict=True)]
+            return _Spending(after.state, *sums), energy
 
         end, energy = jax.lax.fori_loop(0, steps, step, (first, zero))
         lost = energy - _energy(end.state, own)
@@ -112,9 +112,9 @@ def _slope(time_s: jax.Array, now: _Spending, p: Parameters) -> _Spending:
 def _energy(state: State, p: Parameters) -> jax.Array:
     """Return the mechanical energy with that of bristles and position loop [J], the drive being told to stay at 0."""
     bristles = p.guides.stored(total_tension(state.torsion, state.shortening, p), state.bristles)
-    requested = p.position_gain * jnp.abs(state.lever)
-    within = jnp.minimum(requested, p.duty_limit)
-    loop = p.duty_torque * within * (requested - 0.5 * within) / p.position_gain
+    command = p.position_gain * jnp.abs(state.lever)
+    within = jnp.minimum(command, p.duty_limit)
+    loop = p.duty_torque * within * (command - 0.5 * within) / p.position_gain
     return jnp.asarray(mechanical_energy(state, p) + bristles + loop)
 
 
@@ -303,9 +303,9 @@ def _judge(overall: dict[str, Estimate]) -> tuple[str, str]:
 def _check(measured: list[Estimate], modelled: list[Estimate]) -> str:
     """Return whether the fitted joint's D is the measured one."""
     worst = max((model.value / own.value - 1.0 for own, model in zip(measured, modelled, strict=True)), key=abs)
-    sentence = f"{100 * worst:+.0f} %".replace("-", "−")
-    is_off = f"is off the measured one by up to {sentence}: the shares are the model's"
-    agrees = f"agrees with the measured one within {sentence.lstrip('+−')}"
+    error = f"{100 * worst:+.0f} %".replace("-", "−")
+    is_off = f"is off the measured one by up to {error}: the shares are the model's"
+    agrees = f"agrees with the measured one within {error.lstrip('+−')}"
     return (
         f"The fitted joint's D {is_off if abs(worst) > 0.15 else agrees}. The recoil rests on the drive as the rig "
         "describes it; the intervals hold what the rig leaves open of it and of the supply voltage."

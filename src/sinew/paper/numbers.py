@@ -351,13 +351,13 @@ def _accepted(proposed: Array, excess: Array, rng: np.random.Generator, evaluati
 
     chains, draws = excess.shape
     hurdle = np.log(rng.uniform(size=excess.shape))
-    retained = np.zeros((chains, draws), dtype=np.intp)
+    accepted = np.zeros((chains, draws), dtype=np.intp)
     for i in range(1, draws):
-        now = retained[:, i - 1]
+        now = accepted[:, i - 1]
         moves = hurdle[:, i] < excess[:, i] - np.take_along_axis(excess, now[:, None], axis=1)[:, 0]
-        retained[:, i] = np.where(moves, i, now)
-    values = np.take_along_axis(proposed, retained[:, :, None], axis=1)
-    acceptance = float((np.diff(retained, axis=1) != 0).mean())
+        accepted[:, i] = np.where(moves, i, now)
+    values = np.take_along_axis(proposed, accepted[:, :, None], axis=1)
+    acceptance = float((np.diff(accepted, axis=1) != 0).mean())
     rhat, ess = np.asarray(split_gelman_rubin(values)), np.asarray(effective_sample_size(values))
     return Draws(values, acceptance, rhat, ess, evaluations)
 

@@ -96,25 +96,25 @@ def _expected(pretension: Array, law: Array) -> float:
 
 
 def _judge_constancy(change: Estimate, seen: float, constant_d: float) -> tuple[str, str]:
-    sentence = in_words(change, 100.0, "%")
+    shown = in_words(change, 100.0, "%")
     if not math.isfinite(change.low):
         return CANNOT_TELL, "Two pretensions without repeats give a slope without an interval; repeat the ring-downs."
     if change.low > 0 or change.high < 0:
         verdict = "rises" if change.value > 0 else "falls"
         if max(abs(change.low), abs(change.high)) < _LITTLE * abs(constant_d):
             return "nearly constant", (
-                f"D is nearly constant: over the range it changes by {sentence}, beyond chance but little beside the "
+                f"D is nearly constant: over the range it changes by {shown}, beyond chance but little beside the "
                 f"{abs(100 * constant_d):.2g} % that a constant damping constant d would make of it."
             )
-        return verdict, f"D {verdict} beyond chance: it changes by {sentence} over the range of pretension."
+        return verdict, f"D {verdict} beyond chance: it changes by {shown} over the range of pretension."
     power = f"a change of {100 * seen:.2g} % would have been found in nine of ten such recordings"
     if seen < abs(constant_d):
         return (
             "constant within chance",
-            f"D has no trend beyond chance: it changes by {sentence} over the range; {power}.",
+            f"D has no trend beyond chance: it changes by {shown} over the range; {power}.",
         )
     return CANNOT_TELL, (
-        f"It cannot be told whether D is constant: it changes by {sentence} over the range, and {power}, more than "
+        f"It cannot be told whether D is constant: it changes by {shown} over the range, and {power}, more than "
         f"the {abs(100 * constant_d):.2g} % that a constant damping constant d would make of it."
     )
 
@@ -231,10 +231,10 @@ def _judge_saturation(lines: _Lines, share: Estimate) -> tuple[str, str]:
     slopes = f"the peak gain changes by {nominal} by the nominal drive and by {measured} by the measured one"
     if not (math.isfinite(lines.nominal.slope.high) and lines.nominal.slope.high < 0):
         return CANNOT_TELL, f"By the nominal drive the gain does not fall beyond chance up there: {slopes}."
-    sentence = in_words(share, 100.0, "%")
+    shown = in_words(share, 100.0, "%")
     verdict = "the drive's" if share.low > 0.5 else "the joint's" if share.high < 0.5 else CANNOT_TELL
     whose = "It cannot be told whose the fall is" if verdict == CANNOT_TELL else f"The saturation is {verdict}"
-    return verdict, f"{whose}: {sentence} of the fall vanishes with the measured drive; {slopes}."
+    return verdict, f"{whose}: {shown} of the fall vanishes with the measured drive; {slopes}."
 
 
 # ---- The delay that would explain the phase: one extra delay, fitted to the measured response.
@@ -408,21 +408,21 @@ def _overall(means: Array, noise: float) -> Estimate:
 
 
 def _judge_delay(extra: Estimate, budget: DelayBudget, written: float) -> tuple[str, str]:
-    sentence = in_words(extra, 1e3, "ms")
+    shown = in_words(extra, 1e3, "ms")
     reach = math.hypot(0.5 * (extra.high - extra.low), NORMAL_90 * budget.delay_std_s)
     if not math.isfinite(reach):
         return CANNOT_TELL, "One response at one pretension leaves the delay without an interval; measure more."
     if written > 0 and reach > written:
         return CANNOT_TELL, (
-            f"The phase asks for an extra delay of {sentence}, an interval wider than the written budget of "
+            f"The phase asks for an extra delay of {shown}, an interval wider than the written budget of "
             f"{1e3 * written:.1f} ms itself; measure more frequencies far above the resonance."
         )
     if abs(extra.value) <= reach:
         if written == 0:
-            return "none", f"No delay is needed: the phase asks for {sentence}."
+            return "none", f"No delay is needed: the phase asks for {shown}."
         return "the written budget", (
             f"The written budget of {1e3 * written:.1f} ms ± {1e3 * budget.delay_std_s:.1f} ms explains the phase: "
-            f"what it leaves is {sentence}."
+            f"what it leaves is {shown}."
         )
     what = "beyond the written budget" if written > 0 else "with no budget written"
-    return "an extra delay", f"A delay of {sentence} {what} would explain the phase."
+    return "an extra delay", f"A delay of {shown} {what} would explain the phase."

@@ -221,9 +221,9 @@ def check_plan(
     by_lever = plan.sweep if plan.sweep is not None and plan.sweep.drive == "lever" else None
     frequencies = by_lever.frequency_hz if by_lever else ()
     amplitude = by_lever.amplitude_deg if by_lever else 0.0
-    requested = np.full(len(frequencies), math.radians(amplitude))
+    commanded = np.full(len(frequencies), math.radians(amplitude))
     reach = drive_reaches(
-        [rig] * requested.size, requested, np.asarray(frequencies, dtype=float), np.zeros(requested.size, complex)
+        [rig] * commanded.size, commanded, np.asarray(frequencies, dtype=float), np.zeros(commanded.size, complex)
     )
     reached_deg = [math.degrees(r.amplitude_rad) for r in reach]
     groups = plan.groups()
@@ -344,9 +344,9 @@ def setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
     limits = rig.limits
     low, high = limits.pretension_mm
     moved_to = plan.track.pretension_to_mm if plan.track is not None else None
-    requested = {"pretension.pretension_mm": plan.pretension.pretension_mm}
-    requested |= {} if moved_to is None else {"track.pretension_to_mm": (moved_to,)}
-    for key, pretensions in requested.items():
+    settings = {"pretension.pretension_mm": plan.pretension.pretension_mm}
+    settings |= {} if moved_to is None else {"track.pretension_to_mm": (moved_to,)}
+    for key, pretensions in settings.items():
         if beyond := [p for p in pretensions if not low <= p <= high]:
             sentence = f"plan asks for {_a_or_some('pretension', beyond)} mm, the rig allows {low:g} to {high:g} mm"
             yield _refuse(f"{sentence}; change {key}", key)

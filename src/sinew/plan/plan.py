@@ -506,10 +506,8 @@ def require_motors(plan: Plan, who: str) -> None:
 
 def _other_drives(plan: Plan) -> list[str]:
     driven = (("sweep", plan.sweep), ("ring_down", plan.ring_down))
-    requested = [
-        f"a {name} driven in {part.drive}" for name, part in driven if part is not None and part.drive != "lever"
-    ]
-    return requested + ([f"blows about {plan.impulse.about}"] if plan.impulse is not None else [])
+    others = [f"a {name} driven in {part.drive}" for name, part in driven if part is not None and part.drive != "lever"]
+    return others + ([f"blows about {plan.impulse.about}"] if plan.impulse is not None else [])
 
 
 def _crossing_after(time_s: float, frequency_hz: float) -> float:

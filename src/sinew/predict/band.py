@@ -258,9 +258,9 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
     centre = np.array([table[name].value for name in names])
     low, high = (np.array([table[name].bounds[i] for name in names]) for i in (0, 1))
     rng = np.random.default_rng(seed)
-    factor, retained, tried = factor_of(covariance), np.zeros((0, len(names))), 0
+    factor, drawn, tried = factor_of(covariance), np.zeros((0, len(names))), 0
     room = 1e-9 * (high - low)
-    while len(retained) < count:
+    while len(drawn) < count:
         tried += count
         if tried > _TIMES * count:
             raise SpecError(
@@ -269,10 +269,10 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
             )
         some = centre + rng.standard_normal((count, len(names))) @ factor.T
         inside = np.all((some >= low - room) & (some <= high + room), axis=1)
-        retained = np.concatenate([retained, some[inside]])
-    retained = np.clip(retained[:count], low, high)
+        drawn = np.concatenate([drawn, some[inside]])
+    drawn = np.clip(drawn[:count], low, high)
     return Draws(
-        tuple(_moved(rig, names, row) for row in retained), names, retained, tuple(_remarks(rig, table, tried, count))
+        tuple(_moved(rig, names, row) for row in drawn), names, drawn, tuple(_remarks(rig, table, tried, count))
     )
 
 
@@ -285,19 +285,19 @@ def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]
     before, after = dict(base.parameters()), dict(rig.parameters())
     known, old = base.calibration, [name for name, one in before.items() if one.interval90 is not None]
     names = dict.fromkeys((*old, *(known.parameters if known is not None else ())))
-    retained = [
+    carried = [
         name for name in names if (after[name].value, after[name].origin) == (before[name].value, before[name].origin)
     ]
-    intervals = {name: {"interval90": before[name].interval90} for name in retained}
+    intervals = {name: {"interval90": before[name].interval90} for name in carried}
     parts: dict[str, object] = {}
-    for part in {name.split(".")[0] for name in retained}:
+    for part in {name.split(".")[0] for name in carried}:
         mine = {name.split(".")[1]: row for name, row in intervals.items() if name.startswith(f"{part}.")}
         section = getattr(rig, part)
         parts[part] = section.model_copy(
             update={name: getattr(section, name).model_copy(update=row) for name, row in mine.items()}
         )
-    parts["calibration"] = None if known is None else known.only(retained)
-    certain = tuple(name for name in names if name not in retained and after[name].interval90 is None)
+    parts["calibration"] = None if known is None else known.only(carried)
+    certain = tuple(name for name in names if name not in carried and after[name].interval90 is None)
     return rig.model_copy(update=parts), certain
 
 

@@ -247,8 +247,8 @@ def _basis(glassy: Array, held: Array, mass: Array, forces: Array, shapes: int) 
         return np.asarray(slow)
     few = np.column_stack([slow[:, :shapes], np.linalg.solve(held, forces)])
     size = few / np.sqrt(np.einsum("ij,ik,kj->j", few, mass, few))
-    left, retained, _ = np.linalg.svd(scipy.linalg.cholesky(mass) @ size, full_matrices=False)
-    good = left[:, retained > 1e-9 * retained[0]]
+    left, singular, _ = np.linalg.svd(scipy.linalg.cholesky(mass) @ size, full_matrices=False)
+    good = left[:, singular > 1e-9 * singular[0]]
     spanned = np.linalg.solve(scipy.linalg.cholesky(mass), good)
     turned = scipy.linalg.eigh(spanned.T @ glassy @ spanned)[1]
     return np.asarray(spanned @ turned)

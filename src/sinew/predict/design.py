@@ -316,7 +316,7 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     data = base.model_dump()
     data["name"] = design.name or f"{base.name}, changed"
     _put_silicone(data, base, design)
-    sentence = f"designed; the rig {base.name} was the base"
+    origin = f"designed; the rig {base.name} was the base"
     values = {
         "silicone.length": design.length,
         "silicone.loss_factor": design.loss_factor,
@@ -329,14 +329,14 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     }
     for name, value in values.items():
         if value is not None:
-            _put(data, name, value, sentence)
-    _put_head(data, design, sentence)
+            _put(data, name, value, origin)
+    _put_head(data, design, origin)
     if design.length is not None:
         span = base.tendons.free_span.value + design.length - base.silicone.length.value
-        _put(data, "tendons.free_span", span, f"{sentence}; it follows the silicone's length")
+        _put(data, "tendons.free_span", span, f"{origin}; it follows the silicone's length")
         if design.section is None:
             # A calibrated diameter holds what the bonded ends do at its own length.
-            _put(data, "silicone.diameter", base.silicone.diameter.value, f"{sentence}; found at another length")
+            _put(data, "silicone.diameter", base.silicone.diameter.value, f"{origin}; found at another length")
     if design.tendons is not None:
         data["tendons"]["count"] = design.tendons
         if design.tendons != base.tendons.count:

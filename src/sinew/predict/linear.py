@@ -262,19 +262,19 @@ def _torsional(a: Array, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]
     for bristle in range(len(_PLACE) + _LOW_PASS, len(a)):
         a[:, torsion] += a[:, bristle] * a[bristle, speed]
     names += tuple(name for name in _MEMORY if a[speed, _PLACE[name]] != 0)
-    retained = [_PLACE[name] for name in names]
+    columns = [_PLACE[name] for name in names]
     axial = [i for name, i in _PLACE.items() if name.startswith(("shortening", "axial"))]
-    assert np.abs(a[np.ix_(retained, axial)]).max() <= _COUPLING * np.abs(a[retained]).max()
-    return a[np.ix_(retained, retained)], names
+    assert np.abs(a[np.ix_(columns, axial)]).max() <= _COUPLING * np.abs(a[columns]).max()
+    return a[np.ix_(columns, columns)], names
 
 
 def _drive(a: Array, by_command: Array, by_torque: Array) -> StateSpace:
     part, names = _torsional(a, ("torsion_rad", "torsion_rate_rad_s", "lever_rad", "lever_rate_rad_s"))
-    retained = [_PLACE[name] for name in names]
+    columns = [_PLACE[name] for name in names]
     seen = np.eye(len(names))[[0, 2]]
     inputs, outputs = ("command_rad", "torque_n_m"), ("torsion_rad", "lever_rad")
     return StateSpace(
-        part, np.stack([by_command, by_torque], axis=1)[retained], seen, np.zeros((2, 2)), names, inputs, outputs
+        part, np.stack([by_command, by_torque], axis=1)[columns], seen, np.zeros((2, 2)), names, inputs, outputs
     )
 
 
@@ -285,11 +285,11 @@ def _lever(a: Array, by_torque: Array, by_acceleration: Array) -> StateSpace:
     torsion, whose own row of e is zero, is that of ξ + A e θ: no derivative of the input is left.
     """
     part, names = _torsional(a, ("torsion_rad", "torsion_rate_rad_s"))
-    retained = [_PLACE[name] for name in names]
-    e = by_acceleration[retained]
+    columns = [_PLACE[name] for name in names]
+    e = by_acceleration[columns]
     shifted = tuple(f"{name}_less_lever" if i < 2 else name for i, name in enumerate(names))
     seen = np.eye(len(names))[:1]
-    b = np.stack([part @ part @ e, by_torque[retained]], axis=1)
+    b = np.stack([part @ part @ e, by_torque[columns]], axis=1)
     d = np.concatenate([seen @ part @ e, [0.0]])[None]
     return StateSpace(part, b, seen, d, shifted, ("lever_rad", "torque_n_m"), ("torsion_rad",))
 
@@ -336,7 +336,7 @@ def linear_joints(
         lanes = lanes._replace(drive_friction=np.zeros_like(shortening))  # type: ignore[arg-type]
     held = lanes._replace(prescribed=np.ones_like(shortening))  # type: ignore[arg-type]
     free = [np.asarray(leaf) for leaf in _slopes(shortening, lanes)]
-    lines = [np.asarray(leaf) for leaf in _slopes(shortening, held)]
+    slopes = [np.asarray(leaf) for leaf in _slopes(shortening, held)]
     tension, spring = (np.asarray(leaf) for leaf in _rest(shortening, lanes))
     own = float(rig.drive.friction.value)
     joints = []
@@ -349,7 +349,7 @@ def linear_joints(
                 float(tension[i]),
                 float(spring[i]),
                 _notes(p, float(tension[i]), float(spring[i]), gear),
-                _lever(lines[0][i], lines[2][i], lines[3][i]),
+                _lever(slopes[0][i], slopes[2][i], slopes[3][i]),
                 _drive(free[0][i], free[1][i], free[2][i]),
             )
         )

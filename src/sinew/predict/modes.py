@@ -373,8 +373,8 @@ def _pose_row(pose: PoseModes, off: Sequence[Sequence[Array]]) -> PoseRow:
             estimates[name] = Estimate(value, one.std, min(one.low, value), max(one.high, value))
         head = {name: getattr(mode, name) for name in ("torsion", "tilt_in_plane", "tilt_across")}
         shares = EnergyShares(*map(float, mode.shares))
-        position = (pose.pretension_mm, pose.bend_deg, mode.kind)
-        rows.append(ModeRow(*position, **estimates, energy_shares=shares, head=head))
+        key = (pose.pretension_mm, pose.bend_deg, mode.kind)
+        rows.append(ModeRow(*key, **estimates, energy_shares=shares, head=head))
     return PoseRow(pose.pretension_mm, pose.bend_deg, pose.tension_n, pose.taut, pose.why_not, Rows(rows))
 
 

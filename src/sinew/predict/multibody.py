@@ -219,8 +219,8 @@ def _upright(rig: RigSpec, pretension_mm: float, mode: TendonMode, swing: float)
 
 def _upward(plate: Array, directions: Array, gap: Array, p: Parameters) -> float:
     """Return the share of the tendons' tension that presses the silicone: the cosine of their slope."""
-    travel = plate + gap + (float(p.head_radius) - float(p.base_radius)) * directions[0]
-    return float(travel[0] / np.linalg.norm(travel))
+    offset = plate + gap + (float(p.head_radius) - float(p.base_radius)) * directions[0]
+    return float(offset[0] / np.linalg.norm(offset))
 
 
 def _in_space(rig: RigSpec, request: ModesRequest, pieces: int) -> Bodies:
@@ -532,7 +532,7 @@ def _actuators(bodies: Bodies) -> str:
     joint = bodies.joint
     k, held = float(joint.stiffness), np.broadcast_to(np.asarray(joint.held_tension, dtype=float), bodies.tension.shape)
     by_current = float(joint.mode) == CURRENT
-    sentence = (
+    limits = (
         "Motors that hold currents: they pull by a tension, whatever the length. Control: more tension [N]."
         if by_current
         else "Motors that hold positions: cable and servo in series are one spring, slack beyond its rest length. "
@@ -548,7 +548,7 @@ def _actuators(bodies: Bodies) -> str:
     most = duty * float(joint.duty_limit)
     loop = f'kp="{_text(float(joint.position_gain) * duty)}" forcerange="{_text(-most, most)}"'
     return f"""<actuator>
-  {_remark(sentence)}
+  {_remark(limits)}
   {"".join(motors)}
   {_remark("The drive's position loop with its limit of duty. Control: angle of the lever [rad].")}
   <position name="drive" joint="lever" {loop}/>

@@ -640,21 +640,21 @@ def buckling_pretension(space: Space, contact: float, requested: PoseRequest, up
     if here is None:
         return None
     upwards = here[0] > 0
-    path, size = (1 if upwards else -1), _PRETENSION_STEP
+    sense, size = (1 if upwards else -1), _PRETENSION_STEP
     pretension, most = begin, 1e-3 * up_to_mm
-    while 0 <= pretension + path * size <= most + 1e-9:
-        after = pose_at(pretension + path * size, here[2])
+    while 0 <= pretension + sense * size <= most + 1e-9:
+        after = pose_at(pretension + sense * size, here[2])
         if after is None:  # let go so far at once, all tendons are slack where Newton's method begins
             size /= 2
             if size < _LEAST_STEP:
                 break
             continue
         if (after[0] > 0) != upwards:
-            known = (pose_at, pretension, path * size, here[2])
-            found_at = pretension + path * size * brentq(_stiffness_along, 0.0, 1.0, known, xtol=1e-3)
+            known = (pose_at, pretension, sense * size, here[2])
+            found_at = pretension + sense * size * brentq(_stiffness_along, 0.0, 1.0, known, xtol=1e-3)
             at_limit = pose_at(found_at, here[2])
             return Buckling(1e3 * found_at, None if at_limit is None else at_limit[1], up_to_mm)
-        pretension, here = pretension + path * size, after
+        pretension, here = pretension + sense * size, after
     return Buckling(None, None, round(1e3 * pretension, 6)) if upwards else None
 
 

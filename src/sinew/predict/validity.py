@@ -319,11 +319,11 @@ def _bending_under(case: _Case, torso: Torso) -> Check:
     worst = int(np.argmax(case.loads.tension))
     pull = float(case.rig.tendons.count * case.loads.tension[worst])
     value = pull / of_tendons + torso.weight / of_weight
-    text = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension, or carry less"
+    means = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension, or carry less"
     sentence = (
         f"at {case.pretension_mm[worst]:.3g} mm the tendons press with {pull:.0f} N of the {of_tendons:.0f} N, and "
         f"{torso.mass:g} kg with {torso.weight:.0f} N of the {of_weight:.0f} N, at which either alone buckles it; "
-        f"their shares add up to {value:.2f}: {text}"
+        f"their shares add up to {value:.2f}: {means}"
     )
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
 
@@ -334,10 +334,10 @@ def _tipping(rig: RigSpec, torso: Torso, loads: Loads) -> Check:
     less = 2 * torso.moment(tilt) / (tendons.count * tendons.head_radius.value)
     rest = float(np.min(loads.rest_tension))
     value = less / rest if rest > 0 else math.inf
-    text = "it is held" if value < 1 else "they go slack and it tips over; widen the circle of tendons, or carry less"
+    means = "it is held" if value < 1 else "they go slack and it tips over; widen the circle of tendons, or carry less"
     sentence = (
         f"tilted by the {tilt:g}° that the rig allows, {torso.mass:g} kg with their centre {1e3 * torso.centre:.0f} mm "
-        f"above the head take {less:.0f} N off a tendon that pulls {rest:.0f} N: {text}"
+        f"above the head take {less:.0f} N off a tendon that pulls {rest:.0f} N: {means}"
     )
     return Check("tipping_over", value, 1.0, value < 1, sentence)
 
@@ -353,8 +353,8 @@ def largest_strain(shear: Any, stretch: Any) -> Any:
 def _slenderness(case: _Case) -> Check:
     value = case.length / case.section.diameter
     holds = value >= SLENDER
-    text = "long enough for a beam with corrections for its ends" if holds else "too short for beam theory"
-    sentence = f"the silicone is {value:.2f} times as long as it is wide: {text}"
+    means = "long enough for a beam with corrections for its ends" if holds else "too short for beam theory"
+    sentence = f"the silicone is {value:.2f} times as long as it is wide: {means}"
     return Check("slenderness", value, SLENDER, holds, sentence)
 
 
@@ -363,10 +363,10 @@ def _axial_ends(case: _Case) -> Check:
     value = bonded_axial_factor(section.area, section.perimeter, case.length) - 1
     fitted = rig.section is None and rig.silicone.diameter.origin == "calibrated"
     holds = value <= CLOSE or fitted
-    text = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
+    means = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
     if fitted:
-        text = "the diameter is calibrated and has taken it in, so that it is no error"
-    sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {text}"
+        means = "the diameter is calibrated and has taken it in, so that it is no error"
+    sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {means}"
     return Check("bonded_ends_axial", None if fitted else value, CLOSE, holds, sentence)
 
 
@@ -376,8 +376,8 @@ def _torsion_ends(case: _Case) -> Check:
     holds = value <= CLOSE
     if value == 0:
         return Check("bonded_ends_torsion", value, CLOSE, True, "the section does not warp, bonded ends change nothing")
-    text = "which hardly matters" if holds else "expect the silicone to be stiffer, up to that"
-    sentence = f"bonded ends hold the warping and make it up to {value:.0%} stiffer in torsion than G J/L: {text}"
+    means = "which hardly matters" if holds else "expect the silicone to be stiffer, up to that"
+    sentence = f"bonded ends hold the warping and make it up to {value:.0%} stiffer in torsion than G J/L: {means}"
     return Check("bonded_ends_torsion", value, CLOSE, holds, sentence)
 
 
@@ -391,10 +391,10 @@ def _strain(case: _Case) -> Check:
     holds = value <= STRAIN
     shear, short = float(arm * twist[worst]), 1 - float(loads.stretch[worst])
     corner = "" if section.shear_arm else ", more at its re-entrant corners"
-    text = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
+    means = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
     sentence = (
         f"at {case.pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a "
-        f"strain of {value:.0%}{corner}: {text}"
+        f"strain of {value:.0%}{corner}: {means}"
     )
     return Check("local_strain", value, STRAIN, holds, sentence)
 
@@ -405,11 +405,11 @@ def _bending(case: _Case) -> Check:
     worst = int(np.argmax(case.loads.tension))
     load = float(case.rig.tendons.count * case.loads.tension[worst])
     value = load / critical
-    text = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension"
+    means = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension"
     how = "tendons that hold their length" if case.tilt_held else "tendons that hold their force"
     sentence = (
         f"at {case.pretension_mm[worst]:.3g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load "
-        f"of {critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {text}"
+        f"of {critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {means}"
     )
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
 
@@ -423,10 +423,10 @@ def _twisting(case: _Case) -> Check:
         return Check("buckling_by_twisting", 0.0, 1.0, True, sentence)
     value = (1 - stretch) / (1 - critical)
     load = compressive_load(case.modulus * case.section.area, critical)
-    text = "it does not twist by itself" if value < 1 else "only the tendons keep it from twisting by itself"
+    means = "it does not twist by itself" if value < 1 else "only the tendons keep it from twisting by itself"
     sentence = (
         f"at {case.pretension_mm[worst]:.3g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
-        f"{1 - critical:.0%} ({load:.0f} N) at which its stiffness in torsion is lost: {text}"
+        f"{1 - critical:.0%} ({load:.0f} N) at which its stiffness in torsion is lost: {means}"
     )
     return Check("buckling_by_twisting", value, 1.0, value < 1, sentence)
 

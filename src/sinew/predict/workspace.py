@@ -102,11 +102,11 @@ def _map_of(plane: "Plane", pretension_mm: float) -> PoseMap:
     bend, verdict = np.hypot(plane.axis[:, None], plane.axis[None, :]), plane.verdict
     out = bend[(verdict != REACHED) & (verdict != OUTSIDE)]
     inside, first = bend[verdict == REACHED], out.min() if out.size else math.inf
-    requested = verdict[verdict != OUTSIDE]
+    inside_circle = verdict[verdict != OUTSIDE]
     return PoseMap(
         pretension_mm,
         float(max((b for b in inside if b < first - 1e-9), default=0.0)),
-        Shares(*(float(np.mean(requested == code)) for code in range(len(VERDICTS)))),
+        Shares(*(float(np.mean(inside_circle == code)) for code in range(len(VERDICTS)))),
         tuple(tuple(None if v == OUTSIDE else v for v in row) for row in verdict.tolist()),
         plane.highest,
         plane.lowest,
@@ -210,9 +210,9 @@ class Plane:
             axis,
             most_deg,
         )
-        requested = np.hypot(axis[:, None], axis[None, :]) <= most_deg + 1e-9
-        self.verdict = np.where(requested, LOST, OUTSIDE)
-        self.highest, self.lowest, self.softest, self.strain = (np.full(requested.shape, np.nan) for _ in range(4))
+        inside = np.hypot(axis[:, None], axis[None, :]) <= most_deg + 1e-9
+        self.verdict = np.where(inside, LOST, OUTSIDE)
+        self.highest, self.lowest, self.softest, self.strain = (np.full(inside.shape, np.nan) for _ in range(4))
 
     def strips(self) -> Iterator[Strip]:
         """Find the poses without pitch; yield the columns that begin there, so many together as make a task."""

@@ -97,11 +97,11 @@ def corrected(
     """
     there, error = y.copy(), np.full(len(y), np.inf)
     left: NDArray[np.intp] = np.arange(len(y))
-    retained = seen = evaluate_extended(there, lanes, problem, size)
+    at_start = seen = evaluate_extended(there, lanes, problem, size)
     for step in range(steps if len(y) else 0):
         if step:
             seen = evaluate_extended(there[left], lanes[left], problem, size)
-            for row, leaf in zip(retained, seen, strict=True):
+            for row, leaf in zip(at_start, seen, strict=True):
                 row[left] = leaf
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
         off = np.sum(normal[left] * (y[left] - there[left]), axis=1)
@@ -112,7 +112,7 @@ def corrected(
         left = left[np.isfinite(error[left]) & (error[left] > enough)]
         if not left.size:
             break
-    return Corrected(there, error, retained)
+    return Corrected(there, error, at_start)
 
 
 def _solved(matrix: Array, right: Array) -> Array:

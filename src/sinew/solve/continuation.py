@@ -119,7 +119,7 @@ def _advanced(w: _Walk, lane: Lane, window: jax.Array, limit: jax.Array, s: tupl
 
     lanes = jnp.arange(x.shape[0])
     at = w.curve.number
-    retained = w.curve._replace(
+    extended = w.curve._replace(
         points=w.curve.points.at[lanes, at].set(x), tangents=w.curve.tangents.at[lanes, at].set(tangent)
     )
     count = at + (running & taken)
@@ -127,7 +127,7 @@ def _advanced(w: _Walk, lane: Lane, window: jax.Array, limit: jax.Array, s: tupl
     status = jnp.where(starting & failed, LOST, jnp.where(small, STUCK, RUNNING))
     status = jnp.where(w.landing & (taken | failed), OUTSIDE, status)
     status = jnp.where((status == RUNNING) & ((count >= limit) | (w.tries >= _TRIES)), LIMIT, status)
-    curve = retained._replace(number=count, status=jnp.where(running, status, w.curve.status))
+    curve = extended._replace(number=count, status=jnp.where(running, status, w.curve.status))
 
     grown = w.step * jnp.clip((stride.correction / (first + 1e-12)) ** 0.25, 0.5, 1.6)
     step = jnp.where(starting, stride.first, jnp.clip(grown, stride.least, stride.most))

@@ -119,9 +119,9 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     """Return the located point of each guess (lane, guess) with the finer waves."""
     if not found:
         return []
-    index = embedded(problem.equations, size.harmonics, fine.harmonics)
-    x, normal = np.zeros((2, len(found), index[-1] + 1))
-    x[:, index], normal[:, index] = (np.stack([getattr(g, name) for _, g in found]) for name in ("point", "tangent"))
+    slots = embedded(problem.equations, size.harmonics, fine.harmonics)
+    x, normal = np.zeros((2, len(found), slots[-1] + 1))
+    x[:, slots], normal[:, slots] = (np.stack([getattr(g, name) for _, g in found]) for name in ("point", "tangent"))
     kind = np.array([guess.kind for _, guess in found])
     lane = rows_of(problem.lane, np.array([i for i, _ in found]))
     done = locate(x, normal, kind, lane, problem.equations, fine, search)
@@ -142,7 +142,7 @@ def _branch(
     scale, hertz = own.scale, float(own.omega) / (2 * np.pi)
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
     count, status = seen.frequency.size, int(curve.status[lane])
-    retained: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
+    by_kind: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
     notes, lost = [ENDS[status]], 0
     missing = int(curve.number[lane]) - count
     if missing:
@@ -155,12 +155,12 @@ def _branch(
             mark = Mark(
                 float(at.points[-1]) * hertz, float(at.half_range * response), float(wrapped_lag(np.conj(at.lag)))
             )
-            retained[guess.kind].append(mark)
+            by_kind[guess.kind].append(mark)
         elif guess.kind == PEAK and not missing:
             where = interpolated_peak(
                 seen.frequency * hertz, seen.half_range * response, wrapped_lag(np.conj(seen.product))
             )
-            retained[PEAK].append(Mark(*where))
+            by_kind[PEAK].append(Mark(*where))
             notes.append("its peak was interpolated")
         else:
             lost += 1
@@ -176,9 +176,9 @@ def _branch(
         harmonics=seen.response * response,
         drive=seen.drive * drive,
         multiplier=largest_multiplier(seen.maps, equations) if seen.maps.size else np.full(count, np.nan),
-        folds=tuple(retained[FOLD]),
-        peak=retained[PEAK][0] if retained[PEAK] else None,
-        phase_90=retained[QUARTER][0] if retained[QUARTER] else None,
+        folds=tuple(by_kind[FOLD]),
+        peak=by_kind[PEAK][0] if by_kind[PEAK] else None,
+        phase_90=by_kind[QUARTER][0] if by_kind[QUARTER] else None,
         error=error,
         complete=status == OUTSIDE,
         message="; ".join(notes),
@@ -210,8 +210,8 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
             found += [(lane, guess) for guess in marked]
     places = _located(found, problem, resolution.search, size, fine)
     marks: list[list[tuple[Guess, Located]]] = [[] for _ in each]
-    for (lane, guess), index in zip(found, places, strict=True):
-        marks[lane].append((guess, index))
+    for (lane, guess), resolved in zip(found, places, strict=True):
+        marks[lane].append((guess, resolved))
     enough = resolution.search.enough
 
     def branch(i: int) -> Branch:

@@ -116,7 +116,7 @@ def runge_kutta_samples(
     step_s = sample_s / steps
     first = jax.eval_shape(slope, start_s, state)[1]
     flat, parts = ravel_pytree(state)
-    retained = jax.tree.map(lambda leaf: jnp.zeros((room + 1, *leaf.shape), leaf.dtype), first)
+    track = jax.tree.map(lambda leaf: jnp.zeros((room + 1, *leaf.shape), leaf.dtype), first)
 
     def turn(
         n: jax.Array, carry: tuple[jax.Array, jax.Array, jax.Array, K]
@@ -128,9 +128,9 @@ def runge_kutta_samples(
         rows = jax.tree.map(lambda r, one: jax.lax.dynamic_update_index_in_dim(r, one, row, axis=0), rows, seen)
         return *next_stage(stage, begun, gone, ravel_pytree(rate_here)[0], step_s), rows
 
-    carry = (flat, flat, jnp.zeros_like(flat), retained)
-    end, _, _, retained = jax.lax.fori_loop(0, samples * steps * 4, turn, carry)
-    return parts(end), jax.tree.map(lambda leaf: leaf[:room], retained)
+    carry = (flat, flat, jnp.zeros_like(flat), track)
+    end, _, _, track = jax.lax.fori_loop(0, samples * steps * 4, turn, carry)
+    return parts(end), jax.tree.map(lambda leaf: leaf[:room], track)
 
 
 def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:
@@ -173,15 +173,15 @@ def _batch(
         return time_s, jax.vmap(_step, in_axes=(None, 0, None, 0))(at, now, step_s, p)
 
     def sample(n: int, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-        now, retained = carry
+        now, tracks = carry
         time_s = n * sample_s
         seen = jax.vmap(_observe, in_axes=(None, 0, 0))(time_s, now, p)
-        retained = jax.lax.dynamic_update_index_in_dim(retained, seen, n, axis=0)
+        tracks = jax.lax.dynamic_update_index_in_dim(tracks, seen, n, axis=0)
         _, now = jax.lax.fori_loop(0, steps, substep, (time_s, now))
-        return now, retained
+        return now, tracks
 
-    retained = jnp.zeros((room, shortening.shape[0], len(Track._fields)))
-    _, filled = jax.lax.fori_loop(0, samples, sample, (states, retained))
+    tracks = jnp.zeros((room, shortening.shape[0], len(Track._fields)))
+    _, filled = jax.lax.fori_loop(0, samples, sample, (states, tracks))
     return jnp.asarray(filled)
 
 
@@ -230,12 +230,12 @@ def integrate(
         chunk = jax.tree.map(lambda leaf: np.asarray(leaf)[lanes], p)
         return np.asarray(_batch(chunk, shortening[lanes], np.float64(sample_s), np.int64(longest), room, steps))
 
-    retained = in_batches(run, samples, lanes_together(len(samples)), sample_s, progress)
+    tracks = in_batches(run, samples, lanes_together(len(samples)), sample_s, progress)
     single = len(Track._fields) - 1
     tendons = len(p.guide_directions)  # all do the same
     return [
         Track(*rows[:single], stretch=np.broadcast_to(rows[single], (tendons, rows.shape[1])))  # type: ignore[misc]
-        for rows in retained
+        for rows in tracks
     ]
 
 
@@ -262,9 +262,9 @@ def in_batches(
         return lanes, run(padded, max(samples[i] for i in lanes))
 
     for future in as_completed([_pool().submit(march, lanes) for lanes in batches]):
-        lanes, retained = future.result()
+        lanes, tracks = future.result()
         for column, lane in enumerate(lanes):
-            rows[int(lane)] = retained[: samples[lane], column].T.copy()
+            rows[int(lane)] = tracks[: samples[lane], column].T.copy()
             done += samples[lane] * sample_s
         if progress is not None:
             progress(done, total)

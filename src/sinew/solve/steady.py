@@ -74,8 +74,8 @@ def _steady(
             taken = _Search(x, slope, step, first, off, length, w.tries)
             tried = w._replace(share=0.5 * w.share)
             better = (off <= w.off) | (w.share <= _LEAST_SHARE)
-            retained: _Search = jax.tree.map(lambda a, b: jnp.where(better, a, b), taken, tried)
-            return retained._replace(tries=w.tries + 1)
+            best: _Search = jax.tree.map(lambda a, b: jnp.where(better, a, b), taken, tried)
+            return best._replace(tries=w.tries + 1)
 
         none, infinite = jnp.zeros(()), jnp.asarray(jnp.inf)
         slope, still = jnp.zeros((start.size, start.size)), jnp.zeros_like(start)

@@ -436,8 +436,8 @@ def tune(
     draws, remark = _draws(made, bands, seed)
     wanted = [float(hertz) for hertz in np.atleast_1d(resonance_hz)]
     found = tune_pretension(made, wanted, swing, draws=draws, mode=mode, progress=progress)
-    sentence = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
-    return replace(found, draws=sentence, remarks=(*found.remarks, *([remark] if remark else [])))
+    drawn = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
+    return replace(found, draws=drawn, remarks=(*found.remarks, *([remark] if remark else [])))
 
 
 def _draws(rig: RigSpec, bands: int | None, seed: int) -> tuple[Draws | None, str]:

@@ -83,10 +83,10 @@ class Follow:
 
     def update(self, time: float, frequency_hz: float | None, step: float) -> float:
         """Return the pretension [mm], see `Ramp.update`. `wanted_hz` is then the frequency that is asked for."""
-        requested = self._wanted(time)
-        moved, self._before, self.wanted_hz = requested - self._before, requested, requested
+        commanded = self._wanted(time)
+        moved, self._before, self.wanted_hz = commanded - self._before, commanded, commanded
         if frequency_hz is not None:
-            change = (moved + self._rate * step * (requested - frequency_hz)) / self.slope(frequency_hz)
+            change = (moved + self._rate * step * (commanded - frequency_hz)) / self.slope(frequency_hz)
             reach = self._fastest * step
             self._mm += max(-reach, min(reach, change))
             self._mm = min(max(self._mm, float(self._table_mm[0])), float(self._table_mm[-1]))

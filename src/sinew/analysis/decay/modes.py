@@ -221,11 +221,9 @@ def split_poles(values: Array, step_s: float, orders: tuple[int, ...]) -> list[P
     n = values.size
     columns = min(n // 2, max(n // 4, _SHORTEST), _LONGEST)
     hankel = np.lib.stride_tricks.sliding_window_view(values, columns + 1)
-    retained = columns + 1 - min(max(orders), columns), columns
+    largest = columns + 1 - min(max(orders), columns), columns
     whole = np.ascontiguousarray(hankel)
-    vectors = linalg.eigh(whole.T @ whole, subset_by_index=retained)[1][
-        :, ::-1
-    ]  # right singular vectors, largest first
+    vectors = linalg.eigh(whole.T @ whole, subset_by_index=largest)[1][:, ::-1]  # right singular vectors, largest first
     found = []
     for order in orders:
         basis = vectors[:, : min(order, columns)]

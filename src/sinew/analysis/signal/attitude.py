@@ -181,11 +181,11 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | 
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
     signals = read_signals(recording, rig)
-    requested, where = signals.segments[segment]
-    frequency = requested.frequency_hz
-    if requested.kind != "steady" or not np.isfinite(frequency):
+    planned, where = signals.segments[segment]
+    frequency = planned.frequency_hz
+    if planned.kind != "steady" or not np.isfinite(frequency):
         raise RecordingError(
-            f"segment {segment} is {requested.kind} at {frequency:g} Hz; choose a steady one with a frequency"
+            f"segment {segment} is {planned.kind} at {frequency:g} Hz; choose a steady one with a frequency"
         )
     response, drive, budget = signals.response, signals.drive, signals.budget
     stamps = signals.time_s[where]
@@ -212,7 +212,7 @@ def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | 
     attrs = {
         "frequency_hz": frequency,
         "periods": periods,
-        "pretension_mm": requested.pretension_mm,
+        "pretension_mm": planned.pretension_mm,
         "segment": segment,
     }
     return xr.Dataset(variables, attrs=attrs)

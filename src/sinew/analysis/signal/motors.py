@@ -346,12 +346,12 @@ def _best(products: Array) -> tuple[float, float]:
     design, mixed, square = products[:, :3, :3], products[:, :3, 3], products[0, 3, 3]
     explained = np.einsum("si,sij,sj->s", mixed, np.linalg.pinv(design, rcond=1e-10, hermitian=True), mixed)
     left = np.maximum(square - explained, 0.0)
-    index = int(np.argmin(left))
-    s = float(_EXPONENTS[index])
-    if 0 < index < left.size - 1:  # the parabola through the three lowest
-        before, here, after = left[index - 1 : index + 2]
+    best = int(np.argmin(left))
+    s = float(_EXPONENTS[best])
+    if 0 < best < left.size - 1:  # the parabola through the three lowest
+        before, here, after = left[best - 1 : best + 2]
         s += 0.5 * (before - after) / max(before - 2 * here + after, 1e-300) * float(_EXPONENTS[1] - _EXPONENTS[0])
-    return s, math.sqrt(float(left[index]) / square)
+    return s, math.sqrt(float(left[best]) / square)
 
 
 def _speed(time: Array, angle: Array, slices: list[slice]) -> tuple[Array, Mask]:

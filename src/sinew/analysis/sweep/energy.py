@@ -80,8 +80,8 @@ def fit_swing_trend(frequency_hz: Array, current_a: Array, torsion_rad: Array) -
     weighted = design[:, used] / without[:, None]
     freedom = max(1, f.size - int(used.sum()))
     covariance = np.linalg.pinv(weighted.T @ weighted) * float(residual @ residual) / freedom
-    index = int(used[:2].sum())
-    std = float(np.sqrt(covariance[index, index])) if used[2] else 0.0
+    last = int(used[:2].sum())
+    std = float(np.sqrt(covariance[last, last])) if used[2] else 0.0
     spring, inertia, saved, friction = map(float, terms)
     return SwingTrend(spring, inertia, saved, friction, std, float(np.sqrt(np.mean(residual**2))))
 
@@ -253,8 +253,8 @@ class _Sweeps:
             bend, slope, _ = solve_damped(powers, np.take_along_axis(cost, near, axis=1) * there, 1e-26).T
             return np.where(bend > 0, self.f[least] - 0.5 * slope / np.where(bend > 0, bend, 1.0), np.nan)
         fine = np.linspace(self.f[0], self.f[-1], _FINE)
-        index = np.argmin(scipy.interpolate.CubicSpline(self.f, cost, axis=1)(fine), axis=1)
-        return np.where((index > 0) & (index < _FINE - 1), fine[index], np.nan)
+        lowest = np.argmin(scipy.interpolate.CubicSpline(self.f, cost, axis=1)(fine), axis=1)
+        return np.where((lowest > 0) & (lowest < _FINE - 1), fine[lowest], np.nan)
 
 
 def _reduction(power: Array, own: Array, saving: Array, saving_std: Array) -> tuple[Array, Array]:

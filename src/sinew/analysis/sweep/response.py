@@ -124,9 +124,9 @@ def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[
         channels.append(signals.drive.values)
         if "drive_command_rad" in signals.recorded and signals.drive.unit == "rad":
             channels.append(signals.recorded["drive_command_rad"])
-    requested = np.array([[segment.frequency_hz, math.radians(segment.amplitude_deg)] for segment, _ in steady])
+    commanded = np.array([[segment.frequency_hz, math.radians(segment.amplitude_deg)] for segment, _ in steady])
     for rows, samples in by_length([where for _, where in steady]):
-        frequency, nominal = requested[rows].T
+        frequency, nominal = commanded[rows].T
         sampled = np.stack([channel[samples] for channel in channels], axis=1, dtype=float)
         yield _Batch(rows, samples, signals.time_s[samples], frequency, nominal, sampled)
 

@@ -93,8 +93,8 @@ def _only_port() -> str:
     if len(found) == 1:
         remark(f"the only serial port is {found[0]}")
         return found[0]
-    sentence = ", ".join(found) or "none"
-    raise PortError(f"found {sentence} as serial ports at USB, expected one; plug it in, or name it with --port")
+    ports = ", ".join(found) or "none"
+    raise PortError(f"found {ports} as serial ports at USB, expected one; plug it in, or name it with --port")
 
 
 def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":
@@ -225,9 +225,9 @@ def _guide(
     spec = load_rig(out if out.exists() else rig)
     first = names.index(step or start or names[0])
     chosen = STEPS[first : first + 1] if step is not None else STEPS[first:]
-    lines: list[Finding] = []
+    collected: list[Finding] = []
     steering = Steering(lambda: 0.0)
-    person = Person(port, lines, steering.check, yes=yes, loud=not json)
+    person = Person(port, collected, steering.check, yes=yes, loud=not json)
     notes: list[str] = []
 
     def keep(known: "RigSpec") -> None:
@@ -265,7 +265,7 @@ def _guide(
                 "ok": well,
                 "ended": ended,
                 "step": at,
-                "findings": [_row(one) for one in lines],
+                "findings": [_row(one) for one in collected],
                 "next": then,
             }
         )

@@ -65,9 +65,9 @@ class Ring:
     def put(self, columns: Array) -> None:
         """Add columns (rows, n); the oldest make room."""
         capacity = self._table.shape[1]
-        retained = columns[:, -capacity:]
-        first = self.count + columns.shape[1] - retained.shape[1]
-        self._table[:, np.arange(first, first + retained.shape[1]) % capacity] = retained
+        latest = columns[:, -capacity:]
+        first = self.count + columns.shape[1] - latest.shape[1]
+        self._table[:, np.arange(first, first + latest.shape[1]) % capacity] = latest
         self.count += columns.shape[1]
 
     def get(self, first: int, end: int) -> Array:
@@ -317,7 +317,7 @@ class Results:
     async def run(self) -> None:
         """Follow the hub until cancelled."""
         looked: tuple[str, float] | None = None
-        expected_text: tuple[Plan, RigSpec] | None = None
+        predicted_for: tuple[Plan, RigSpec] | None = None
         done: tuple[int, int] | None = None  # epoch and groups that were analysed
         predicting: asyncio.Task[None] | None = None
         while True:
@@ -325,9 +325,9 @@ class Results:
             if live is not None and (live.name, live.started) != looked:
                 looked = (live.name, live.started)
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
-                lines = parse_plan(live.plan_toml), parse_rig(live.rig_toml)
-                if lines != expected_text:  # a run that goes on keeps what was predicted of it
-                    expected_text = lines
+                setup = parse_plan(live.plan_toml), parse_rig(live.rig_toml)
+                if setup != predicted_for:  # a run that goes on keeps what was predicted of it
+                    predicted_for = setup
                     self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
                     if predicting is not None:
                         predicting.cancel()
@@ -511,14 +511,14 @@ async def serve_stream(socket: WebSocket, hub: Hub) -> None:
 
 async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Task[None]") -> None:
     loop = asyncio.get_running_loop()
-    last_sent = -_STATE_S
+    state_sent_s = -_STATE_S
     while not listening.done():
         looked = hub.next_look  # before the frame is made: a look while it is sent is not missed
         frame = frame_of(hub.live, view) if hub.live is not None else None
         if frame is not None:
             await asyncio.wait_for(socket.send_text(frame.decode()), _SEND_S)
-        if loop.time() - last_sent >= _STATE_S:
-            last_sent = loop.time()
+        if loop.time() - state_sent_s >= _STATE_S:
+            state_sent_s = loop.time()
             await asyncio.wait_for(socket.send_text(state_of(hub, view).decode()), _SEND_S)
         tick = asyncio.ensure_future(looked.wait())
         try:  # who leaves makes room at once, also where nothing is looked at

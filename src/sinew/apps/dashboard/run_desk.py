@@ -185,8 +185,8 @@ def ending_sentence(folder: Path, log: str = LOG) -> str | None:
     starts = [number for number, line in enumerate(lines) if line == "{"]
     if starts:
         with suppress(ValueError, KeyError, TypeError):
-            status_now, _ = json.JSONDecoder().raw_decode("\n".join(lines[starts[-1] :]))
-            return f"{status_now['ended']}; {status_now['left']}"
+            ending, _ = json.JSONDecoder().raw_decode("\n".join(lines[starts[-1] :]))
+            return f"{ending['ended']}; {ending['left']}"
     said = [line.strip() for line in lines if line.strip()]
     return said[-1].removeprefix("sinew: ") if said else None
 
@@ -356,8 +356,8 @@ class RunDesk:
                     if status < 0
                     else ending_sentence(run.folder)
                 )
-                status_now = {"state": "ended", "sentence": how or "the run has ended"}
-                self.last = run.document(status_now) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
+                ended = {"state": "ended", "sentence": how or "the run has ended"}
+                self.last = run.document(ended) | {"exit": status, "ended": time.time()} | ending_of(run.folder)
                 self.run = None
             elif trouble is not None:
                 end_process(run.process, _DIES_S)  # it waits for the port
@@ -381,10 +381,10 @@ class RunDesk:
         self._unanswered = 0
         state = answer.get("state")
         at = state if isinstance(state, dict) else {}
-        status_now = str(at.get("state") or "running")
-        if status_now == "running" and at.get("pause_asked") is True:
-            status_now = "pausing"
-        self._status = {"state": status_now, "sentence": str(answer.get("sentence", ""))}
+        phase = str(at.get("state") or "running")
+        if phase == "running" and at.get("pause_asked") is True:
+            phase = "pausing"
+        self._status = {"state": phase, "sentence": str(answer.get("sentence", ""))}
 
 
 def _write_texts(folder: Path, plan: str, rig: str) -> None:

@@ -299,9 +299,9 @@ def tune(
     if amplitude is not None and yaw is not None:
         raise SpecError("found --amplitude-deg and --yaw-deg; expected one of them")
     console.check_choice("--mode", mode, MODES)
-    for name, requested in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
-        if requested is not None:
-            check_angle(name, requested)
+    for name, degrees in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
+        if degrees is not None:
+            check_angle(name, degrees)
     expected = f"frequencies above 0 and up to {console.HIGHEST_HZ:g} Hz, as 3.2,3.6"
     wanted = console.number_list("--resonance-hz", resonance, expected, low=0, high=console.HIGHEST_HZ, above=True)
     held = cast("TendonMode", mode)

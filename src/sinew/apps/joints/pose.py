@@ -266,11 +266,11 @@ def model(
         **model_document(bodies),
     }
     modes = ", ".join(f"{name} {hz:.3f} Hz" for name, hz in document["frequency_hz"].items())
-    report = (
+    lines = (
         [f"{out}: {document['pieces']} pieces, {len(document['tension_n'])} tendons", modes] if modes else [str(out)]
     )
-    report += [f"- {sentence}" for sentence in document["assumptions"]]
-    console.print_result(document, report, json=json)
+    lines += [f"- {sentence}" for sentence in document["assumptions"]]
+    console.print_result(document, lines, json=json)
 
 
 def _write_linear(

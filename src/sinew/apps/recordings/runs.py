@@ -65,9 +65,9 @@ def runs(
         from sinew.figures.page import save_trends
 
         save_trends(made, out)
-    report = [table] if (table := made.table()) else []
+    blocks = [table] if (table := made.table()) else []
     sentences = [f"{one.title}: {one.sentence}" for one in made]
-    console.print_result(about | {"trends": plain(made)}, [*report, *sentences], json=json)
+    console.print_result(about | {"trends": plain(made)}, [*blocks, *sentences], json=json)
 
 
 def _analyse(folder: Path, names: Sequence[str]) -> None:
@@ -91,9 +91,9 @@ def _listed(found: Sequence[Mapping[str, Any]]) -> list[Table | str]:
     for run in found:
         first = [run["name"], (run.get("started") or "–")[:16], run.get("rig") or "–", run.get("plan") or "–"]
         first.append(run["state"])
-        for position, row in enumerate(run["found"] or [{}]):
+        for row_number, row in enumerate(run["found"] or [{}]):
             numbers = [shown_interval(row.get(one)) for one in COMMON]
-            rows.append([*(first if not position else [""] * len(first)), number(row.get("pretension_mm")), *numbers])
+            rows.append([*(first if not row_number else [""] * len(first)), number(row.get("pretension_mm")), *numbers])
     heads = ("run", "begin", "rig", "plan", "state", "mm", *(QUANTITIES[one].head("/") for one in COMMON))
     why = [f"{run['name']}: {run['sentence']}" for run in found if run["state"] in ("stopped", "damaged")]
     if left := sum(bool(run.get("remark")) for run in found):

@@ -296,8 +296,8 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
         "acceleration_m_s2": readings[:, 3:6],
     }
     came = np.all([np.isfinite(rows[name]) for name in ("imu_time_s", *_IMU_COLUMNS[:6])], axis=0)
-    retained = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
-    if np.isfinite(readings[retained, 6]).all():
+    whole_rows = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
+    if np.isfinite(readings[whole_rows, 6]).all():
         values["tilt_rad"] = readings[:, 6]
     measured = np.flatnonzero(np.isfinite(rows["supply_v"]))
     # A motor that has not told its voltage yet is no hole: the first cycles get the first one told.
@@ -308,13 +308,13 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
     )
     pwm = np.stack([rows[f"tendon_{i}_pwm"] for i in tendons], axis=1)
     more = {"drive_goal_rad": rows["drive_goal_rad"], "tendon_pwm": pwm, "supply_v": supply}
-    values |= {name: v for name, v in more.items() if np.isfinite(v[retained]).all()}
+    values |= {name: v for name, v in more.items() if np.isfinite(v[whole_rows]).all()}
     values |= {sensor.channel: rows[sensor.channel] for sensor in rig.sensors}
-    sizes = [int((retained & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
+    sizes = [int((whole_rows & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same
-    whole = min(sizes) > 0 and (tracked or _has_few_holes(time[retained], time, sample_hz, _GRACE))
+    whole = min(sizes) > 0 and (tracked or _has_few_holes(time[whole_rows], time, sample_hz, _GRACE))
     single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
-    return _Rows({name: v[retained] for name, v in single.items()}, sizes, int((~retained).sum()), whole)
+    return _Rows({name: v[whole_rows] for name, v in single.items()}, sizes, int((~whole_rows).sum()), whole)
 
 
 def _on_one_clock(

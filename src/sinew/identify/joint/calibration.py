@@ -303,7 +303,7 @@ def calibrate(
     together = with_ties(calibrated, sought, followed, own)
     record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
     calibrated = calibrated.model_copy(update={"calibration": record})
-    lines, settings = (
+    pairs, settings = (
         f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %"
         for a, b in (fit.repeatability, stated_repeatability(rig))
     )
@@ -311,7 +311,7 @@ def calibrate(
         "every pretension was set once, so how far settings scatter is not in the recordings; the intervals take the "
         f"rig's repeatability ({settings}); record repeats to have it estimated"
         if fit.repeats < 2
-        else f"the intervals hold the scatter over {fit.repeats} repeats: {lines} (the rig says {settings})"
+        else f"the intervals hold the scatter over {fit.repeats} repeats: {pairs} (the rig says {settings})"
     )
     if undetermined:
         remarks.append(

@@ -540,13 +540,13 @@ def _simulate(lanes: _Lane, numbers: Numbers, samples: jax.Array, steps: jax.Arr
         return after
 
     def sample(n: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-        now, selected = carry
+        now, outputs = carry
         seen = jax.vmap(_observe, in_axes=(0, 0, None))(now, p, numbers)
-        selected = jax.lax.dynamic_update_index_in_dim(selected, seen, n, axis=0)
-        return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), selected
+        outputs = jax.lax.dynamic_update_index_in_dim(outputs, seen, n, axis=0)
+        return jax.lax.fori_loop(n * steps, (n + 1) * steps, substep, now), outputs
 
-    selected = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.deviations[:, :1]
-    return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, selected))[1])
+    outputs = jnp.zeros((room, 1, len(CHANNELS))) + 0.0 * lanes.deviations[:, :1]
+    return jnp.asarray(jax.lax.fori_loop(0, samples, sample, (begin, outputs))[1])
 
 
 @program(static=("room",))

@@ -405,9 +405,9 @@ def criterion(found: Fit, independent: float, swings: float = np.inf) -> float:
         if entry.local not in HISTORIES:
             cost += whole
             continue
-        sentence = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
+        noise = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
         beyond = float(value - np.clip(value, *LOCAL[entry.local].start)) if entry.local == _MEMORY else 0.0
-        cost += float(np.clip(sentence, 0.0, whole)) + beyond**2
+        cost += float(np.clip(noise, 0.0, whole)) + beyond**2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 
@@ -452,14 +452,14 @@ def _with_criterion(rows: Sequence[Row]) -> list[Row]:
 def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
     """Return the comparison with its verdict. final: the winner's fit to all of the data, which are called `what`."""
     bound, words = _dry_bound(choice)
-    requested = ask_fit(final)
-    if requested.share > _POOR and requested.neighbours > _SMOOTH and len(choice.rows) > 1:
+    question = ask_fit(final)
+    if question.share > _POOR and question.neighbours > _SMOOTH and len(choice.rows) > 1:
         sentence = (
             f"cannot tell the damping law, for no model describes this {what}: {choice.best.model.name}, which leaves "
-            f"least, misses {100 * requested.share:.0f} % of the output's standard deviation; {requested.telling()}"
+            f"least, misses {100 * question.share:.0f} % of the output's standard deviation; {question.telling()}"
         )
         return Comparison(choice.rows, final, False, sentence)
-    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {requested.telling()}"
+    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {question.telling()}"
     return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
 
 

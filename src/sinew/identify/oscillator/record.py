@@ -87,9 +87,9 @@ class Record:
 
     def cut(self, start: int, stop: int) -> "Record":
         """Return the samples start to stop - 1."""
-        retained = slice(start, stop)
-        given = None if self.input is None else self.input[retained]
-        return replace(self, time_s=self.time_s[retained], output=self.output[retained], input=given)
+        inside = slice(start, stop)
+        given = None if self.input is None else self.input[inside]
+        return replace(self, time_s=self.time_s[inside], output=self.output[inside], input=given)
 
 
 def derivative_order(unit: str) -> int:

@@ -210,11 +210,11 @@ class _Sliders:
 
     async def _put(self, values: Mapping[str, float]) -> None:
         """Set some sliders, each within its ends, and show what comes of it."""
-        awaited, values = values, {key: self._within(key, value) for key, value in values.items()}
+        wanted, values = values, {key: self._within(key, value) for key, value in values.items()}
         changed = [key for key, value in values.items() if value != self._values[key]]
         self._values |= {key: values[key] for key in changed}
-        for key in awaited:
-            if values[key] != awaited[key]:
+        for key in wanted:
+            if values[key] != wanted[key]:
                 self._rows[key].said.set_text(f"{values[key]:g} {_SIZES[key].unit} is the end of this slider.")
                 self._show_value(key)
             elif key in changed:

@@ -47,11 +47,11 @@ def add_live_page(site: Site) -> None:
                 # As the grid of a desk shows them: what a key goes to next stands next.
                 gain = _gain_card()
                 scene = _joint_card()
-                with live_card("Run", 3) as position:
-                    position.classes("sinew-at-run")
+                with live_card("Run", 3) as column:
+                    column.classes("sinew-at-run")
                     _part("run").classes("w-full")
-                with live_card("Oscilloscope", 6) as position:
-                    position.classes("sinew-at-scope")
+                with live_card("Oscilloscope", 6) as column:
+                    column.classes("sinew-at-scope")
                     ui.html(part("scope", "scope", True), sanitize=False).classes("w-full")
                 _curves(site, gain)
                 for title, name, framing in _CARDS:
@@ -70,8 +70,8 @@ def _part(name: str) -> ui.html:
 
 def _joint_card() -> int:
     """Lay the joint out and return the number of its scene."""
-    with live_card("Joint", 3) as position:
-        position.classes("sinew-at-joint")
+    with live_card("Joint", 3) as column:
+        column.classes("sinew-at-joint")
         about = "The joint as it moves. Arrow keys turn it, plus and minus bring it nearer and farther, Home back."
         view = ui.element("div").props(f'id=sinew-joint role=application tabindex=0 aria-label="{about}"')
         with view:
@@ -84,9 +84,9 @@ def _joint_card() -> int:
 
 def _gain_card() -> Curves:
     """Lay out the gain, which grows with the run."""
-    with card("Resonance curve: gain, torsion over commanded amplitude", 6) as position:
+    with card("Resonance curve: gain, torsion over commanded amplitude", 6) as column:
         gain = Curves("gain")
-    position.classes("sinew-at-curve")
+    column.classes("sinew-at-curve")
     return gain
 
 

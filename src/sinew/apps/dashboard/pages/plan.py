@@ -240,8 +240,8 @@ class _Desk:
         for number in sorted({fault["line"] for fault in faults if fault["line"]}):
             said = "; ".join(_AT_ITS_LINE.sub("", one["sentence"]) for one in faults if one["line"] == number)
             marks.append({"kind": "line", "line": number, "class": "sinew-fault-line"})
-            position = ends[min(number, len(ends)) - 1]
-            marks.append({"kind": "widget", "position": position, "text": said, "class": "sinew-fault"})
+            end_s = ends[min(number, len(ends)) - 1]
+            marks.append({"kind": "widget", "position": end_s, "text": said, "class": "sinew-fault"})
         if marks != self._text.decorations:
             self._text.decorations = marks
 
@@ -322,8 +322,8 @@ class _Desk:
         except SinewError as trouble:
             say(str(trouble))
             return
-        question = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
-        ui.run_javascript(f"Sinew.start({question}).then(a => {{ if (a.ok) location.href = '/'; }})")
+        arguments = ", ".join(json.dumps(text) for text in (self._toml, rig, self._run.value))
+        ui.run_javascript(f"Sinew.start({arguments}).then(a => {{ if (a.ok) location.href = '/'; }})")
 
     async def _keep(self) -> None:
         """Have the viewer's browser put the plan in the library; over another one only when asked a second time."""
@@ -393,8 +393,8 @@ def in_words(library: Sequence[dict[str, Any]], first: str) -> dict[str, str]:
     words = {}
     for row in sorted(library, key=lambda row: (row["shipped"], row["name"] != first, row["name"])):
         name, about = row["name"].removesuffix(".toml"), [row["about"]] if row["about"] else []
-        sentence = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
-        words[row["name"]] = f"{name} ({sentence})" if sentence else name
+        notes = "; ".join([*([] if row["shipped"] else ["yours"]), *about])
+        words[row["name"]] = f"{name} ({notes})" if notes else name
     return words
 
 

@@ -292,8 +292,8 @@ async def _open(site: Site, names: list[str]) -> None:
     if not names:
         empty("No run has that name.")
         return
-    index = ui.element("div").classes("w-full")
-    with index:
+    beneath = ui.element("div").classes("w-full")
+    with beneath:
         said = "The run is being analysed" if len(names) == 1 else "The runs are being analysed"
         ui.spinner(size="2rem").props(f'aria-label="{said}"')
         ui.label(f"{said} …; the first time takes some seconds.").classes("sinew-soft")
@@ -310,8 +310,8 @@ async def _open(site: Site, names: list[str]) -> None:
     compared: dict[str, Any] = {"rows": [], "sentences": []}
     if len(names) > 1:
         compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
-    index.clear()
-    with index, ui.element("div").classes("sinew-grid"):
+    beneath.clear()
+    with beneath, ui.element("div").classes("sinew-grid"):
         _headlines(found, about)
         _doubts(found)
         charts = _curves(found)

@@ -399,10 +399,8 @@ def misses(measured: Sequence[dict[str, Any]]) -> list[str]:
                     predicted = span(verdict.low, verdict.high, unit) if verdict.low is not None else ""
                     predicted = predicted or number(verdict.predicted, 3, unit)
                     name = {"gain": "gain", "phase": "lag"}[what]
-                    group_key = f"{one['pretension_mm']:g} mm, {at:g} Hz"
-                    said = (
-                        f"{group_key}: {name} {shown_interval(value, unit)}, predicted {predicted}: {verdict.sentence}"
-                    )
+                    where = f"{one['pretension_mm']:g} mm, {at:g} Hz"
+                    said = f"{where}: {name} {shown_interval(value, unit)}, predicted {predicted}: {verdict.sentence}"
                     found.append((abs(verdict.off) / verdict.half if verdict.half else math.inf, typeset(said)))
     return [said for _, said in sorted(found, key=lambda row: -row[0])]
 
@@ -588,9 +586,9 @@ def _decay(recording: "xr.Dataset", rig: "RigSpec") -> dict[str, float]:
 
     results = analyse_ring_downs(recording, rig.inertia.head.value + rig.inertia.lever.value)
     damping = results["damping_ratio"].values
-    group_key = np.argwhere(np.isfinite(damping))  # of a repeat that is not the first, those before are empty
+    measured = np.argwhere(np.isfinite(damping))  # of a repeat that is not the first, those before are empty
     names = (*_DECAY, *_DECAY.values())
-    return {name: float(results[name].values[tuple(group_key[0])]) for name in names} if group_key.size else {}
+    return {name: float(results[name].values[tuple(measured[0])]) for name in names} if measured.size else {}
 
 
 def _table(groups: list[_Group]) -> "dict[str, NDArray[Any]]":
